@@ -1,38 +1,40 @@
-//! An output that moves before its command: it was smoothed both ways, or its clock is ahead.
+//! An output that leads its command: a filter smoothed it in both directions, or its clock is ahead.
 //!
-//! Equation: y(t) = Σⱼ≥₋F hⱼ·u(t−j) + v(t), v autoregressive. The output moves before the command where F later inputs explain it beyond the earlier ones, earlier outputs
-//! predict the input ([`super::feedback`] has that test), and the response is smooth up to its first lag. A controller's reaction is a single coefficient, or one that
-//! is larger than the response and against it: −(1−a)/K of a stabilising K. The side lobes of a smoothing filter are smaller than its response.
+//! Equation: y(t) = Σⱼ≥₋F hⱼ·u(t−j) + v(t), v autoregressive. Four conditions establish a lead. Later inputs (F of them) explain the output beyond the earlier
+//! inputs. Earlier outputs predict the input (tested in [`super::feedback`]). The response is smooth up to its first lag. The coefficients before the command
+//! are no controller's. A controller's reaction is a single coefficient, or larger than the response and of the opposite sign: −(1−a)/K of a stabilising K.
+//! The side lobes of a smoothing filter are smaller than its response.
 //!
 //! A smoothing filter that runs both ways has a response with no beginning: the dead time behind it is not identifiable without the filter.
 //!
-//! How it can be wrong: a smooth controller at a reference that is smoother than the noise looks alike where its reaction is small, or has the response's sign (positive feedback). A filter over fewer than four samples is not seen. An output that moves one sample early by interpolation does too, so that resampled logs are not judged.
+//! How it can be wrong: positive feedback, or a controller with a small reaction, aliases with a lead when the reference is smoother than the noise. A filter
+//! over fewer than four samples is not detected. Interpolation also makes an output lead by one sample, so resampled logs are not judged.
 
 use deadtime_identify::{Record, Regression};
 
 use super::feedback::{explained, residual};
 
-/// Later inputs that are looked at. A filter that reaches further ahead shows in these, too.
+/// Later inputs that are tested. A filter with a longer lookahead is visible in these, too.
 const LATER: usize = 20;
-/// Share of the output's innovations that later inputs explain, as for feedback: a plant that is not quite linear reaches a few hundredths with smooth inputs.
+/// Share of the output's innovations that later inputs explain, as for feedback. A mildly nonlinear plant reaches a few hundredths with smooth inputs.
 const SHARE: f64 = 0.03;
-/// The probability that as much is explained by chance, as for feedback.
+/// The probability of such a share by chance, as for feedback.
 const BY_CHANCE: f64 = 1e-4;
-/// Share of the largest coefficient by which one up to the first lag stands off the mean of its neighbours, from which it is a controller's. In a loop the response is
-/// a·G − (1−a)/K, a the share of the reference in the power of what moves the input, by frequency: −1/K does not last. The response of a filter
-/// that smooths four samples or more changes by less from sample to sample.
+/// A coefficient up to the first lag that deviates from its neighbours' mean by this share of the largest coefficient is a controller's. In a loop the response
+/// is a·G − (1−a)/K at each frequency. Here a is the reference's share in the power of the input. The term −1/K does not last. The response of a smoothing
+/// filter over four samples or more changes less between samples.
 const SINGLE: f64 = 0.25;
 
-/// Share of the power of the coefficients before the command that the means of neighbours keep in a response that is smooth. Coefficients of noise alone keep 50 %, those of a copy
-/// delayed by a fraction of a sample, which rings at half the sampling rate, none.
+/// Share of the power before the command that the neighbours' means retain in a smooth response. Coefficients of noise alone retain 50 %. A copy delayed by a
+/// fraction of a sample retains none, because it rings at half the sampling rate.
 const LASTING: f64 = 0.5;
 
-/// Whether the output moves before the input; `lags` past inputs are given, and the noise is whitened by `order` past samples.
+/// Whether the output leads the input. The regression contains `lags` past inputs; a filter of order `order` whitens the noise.
 pub(super) fn ahead(records: &[Record<'_>], order: usize, lags: usize) -> bool {
     smooth(records, order, lags).unwrap_or(false)
 }
 
-/// The same; `None` where the records do not carry the test.
+/// The same test; `None` where the regressions have no solution.
 fn smooth(records: &[Record<'_>], order: usize, lags: usize) -> Option<bool> {
     let least = 2 * LATER + lags + order;
     let whole: Vec<Record<'_>> = records.iter().flat_map(|r| r.stretches(least)).collect();
@@ -67,9 +69,9 @@ fn advanced<'a>(records: &'a [Record<'_>]) -> (Vec<Record<'a>>, Vec<Record<'a>>)
     (with, part(LATER, 2 * LATER))
 }
 
-/// The records through the filter that whitens what a response of both directions leaves of the output. A filter of both channels leaves the response as it is.
+/// The records through the filter that whitens the residual of the two-sided response. The same filter on both channels preserves the response.
 ///
-/// Past outputs cannot be given instead: those of a filter that ran both ways hold the later inputs already.
+/// Past outputs are no regressors here: outputs of a two-sided filter already contain the later inputs.
 ///
 /// Source: Cochrane and Orcutt (1949), J. Am. Stat. Assoc. 44(245), 32-61, doi:10.1080/01621459.1949.10483290.
 fn whitened(records: &[Record<'_>], order: usize, lags: usize) -> Option<Vec<Record<'static>>> {
@@ -191,7 +193,7 @@ mod tests {
         let mut found = [0; 4];
         for round in 0..160 {
             let u = command(&mut rng, 2500);
-            // A smooth input, which a plant that bends takes for more than it was.
+            // Smooth inputs raise the share that later inputs explain for a nonlinear plant.
             let u = if round % 8 < 4 { u } else { one_way(&one_way(&u, 0.8), 0.8) };
             let y = open(&mut rng, &u);
             let pole = rng.random_range(0.5..0.95);

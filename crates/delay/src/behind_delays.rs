@@ -1,4 +1,4 @@
-//! Dead times that are removed from records before a state-space model is identified: shorter pasts, fewer states.
+//! Dead times are removed from records before a state-space model is identified, which shortens its past window and reduces its order.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -21,41 +21,42 @@ use deadtime_signal::stop::Stop;
 /// Which dead times of the inputs are removed.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TakenOut {
-    /// Those with the best model behind them, of all that estimators leave possible.
+    /// Those with the least criterion among all that the delay estimators leave possible.
     Estimated,
     /// None.
     Nothing,
-    /// These, of inputs by name, s; of the others none.
+    /// These, by input name, s; none for the other inputs.
     Given(Vec<(String, f64)>),
 }
 
-/// A model of what is behind the dead times.
+/// A state-space model, and the dead times removed before its identification.
 pub struct BehindDelays {
     /// The model.
     pub model: Identified,
     /// Samples removed from each input.
     pub delays: Vec<usize>,
-    /// What a reader must know of it, a sentence each.
+    /// Notes to report, one sentence each.
     pub notes: Vec<String>,
 }
 
-/// The part of the work that estimating the delays is.
+/// The share of the progress bar for the delay estimates.
 const DELAYS: f64 = 0.4;
-/// What the delays are estimated by: established, fast, and of several classes.
+/// Delay estimators used: established, fast, and of several classes.
 const METHODS: [&str; 3] = ["arxstruc", "oestruc", "threshold"];
-/// Lags over which a loop is looked for.
+/// Lags tested for feedback.
 const LOOP: usize = 35;
-/// No delay is removed where the model without one is better by this much in twice the log-likelihood.
+/// Twice the log-likelihood by which the model without removed delays must be better for none to be removed.
 const WORSE: f64 = 6.0;
-/// Steps over the delays that estimators leave possible; between the best ones they are halved.
+/// Grid intervals over the delays that estimators leave possible; the step is halved around the best.
 const STEPS: usize = 8;
-/// Turns over several inputs, each with the others' delays as they are.
+/// Passes over several inputs, each with the other delays fixed.
 const TURNS: usize = 2;
 
-/// The model of `training` by `method` with `options` (a JSON object), and the delays that were removed first; `logs` are the records that delays are estimated in.
+/// The model of `training` by `method` with `options` (a JSON object), and the delays removed first. Delays are estimated in the records `logs`.
 ///
 /// # Errors
-/// [`deadtime_signal::registry::RegistryError`] for the method and its options, [`DelayError::NoInput`] for a delay of something else, and what identification cannot use.
+/// [`deadtime_signal::registry::RegistryError`] for the method and its options, [`DelayError::NoInput`] for a delay of an unknown input. Errors of the
+/// identification are passed on.
 pub fn identify_behind_delays(
     training: &Recordings,
     logs: &[Log],
@@ -90,7 +91,7 @@ pub fn identify_behind_delays(
     Ok(BehindDelays { model, delays, notes })
 }
 
-/// The delays that estimators leave possible, samples: from and to, of each input.
+/// The delays that estimators leave possible, samples: first and last, of each input.
 type Ranges = [[usize; 2]];
 
 /// A model whose delays are chosen with it.
@@ -102,7 +103,7 @@ struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    /// The delays of the model with the least criterion, one input after the other; none where the model without any is better still.
+    /// The delays of the model with the least criterion, one input after the other; zeros where the model without removed delays is better.
     fn best(&self, (stop, far): (&Stop, &HowFar), notes: &mut Vec<String>) -> Result<Vec<usize>> {
         let none = vec![0; self.ranges.len()];
         if self.ranges.iter().all(|[_, to]| *to == 0) {
@@ -130,7 +131,7 @@ impl Asked<'_> {
         Ok(delays)
     }
 
-    /// The best delay of one input, the others' staying, and the criterion there.
+    /// The best delay of one input with the other delays fixed, and its criterion.
     fn along(&self, delays: &[usize], input: usize) -> Result<(usize, f64)> {
         let [from, to] = self.ranges[input];
         let mut tried: BTreeMap<usize, f64> = BTreeMap::new();
@@ -154,13 +155,13 @@ impl Asked<'_> {
         }
     }
 
-    /// Schwarz's criterion of the model behind these delays, over the rows that all candidates have; infinite where there is none.
+    /// Schwarz's criterion of the model behind these delays, over the rows common to all candidates; infinite where no model exists.
     fn criterion(&self, delays: &[usize]) -> Result<f64> {
         let mut quick = self.options.clone();
         if let Some(object) = quick.as_object_mut() {
             object.insert("draws".to_owned(), json!(0));
         }
-        // Rows that the longest delay leaves.
+        // Rows that remain behind the longest delay.
         let longest = self.ranges.iter().map(|[_, to]| *to).max().unwrap_or(0);
         let fewer = longest - delays.iter().max().copied().unwrap_or(0).min(longest);
         let mut same_rows = self.training.behind_delays(delays)?;
@@ -179,13 +180,13 @@ impl Asked<'_> {
         let chosen = model.order.candidates.get(model.order.order - 1);
         let loss = chosen.and_then(|c| c.log_loss).unwrap_or(f64::INFINITY);
         let rows = model.rows as f64;
-        // The past window, and with it the rows, depend on the delay: by row.
+        // The past window, and with it the number of rows, depends on the delay; the criterion is normalised by row.
         let all = self.training.samples() as f64;
         Ok((loss + parameters as f64 * rows.ln() / rows) * all)
     }
 }
 
-/// What records show of a loop that the method does not bear, for each input and output.
+/// Feedback in the records that biases the method, for each input and output.
 pub(super) fn feedback(line: &IdentifierLine, training: &Recordings) -> Vec<String> {
     let mut notes = Vec::new();
     for (j, input) in training.inputs.iter().enumerate().filter(|_| line.open_loop) {
@@ -234,7 +235,7 @@ fn whole_samples(
     Ok((delays, notes))
 }
 
-/// The delays of each input that the verdicts of all its outputs leave possible: the shortest of any output is removed from all.
+/// The delays of each input that all outputs' verdicts leave possible; the shortest over the outputs is removed from all.
 fn estimated(
     training: &Recordings,
     logs: &[Log],
@@ -262,7 +263,7 @@ fn estimated(
             Some([from.min(delay_s), to.max(delay_s)])
         });
         let ends = possible.reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1])])?;
-        // A sample to either side: what a verdict calls the first response may be the last sample without one.
+        // One sample is added on either side: the verdict's first response may be the last sample without one.
         let [from, to] = ends.map(|s| s.max(0.0) / step_s);
         Some([(from.floor() as usize).saturating_sub(1), to.ceil() as usize + 1])
     };
@@ -290,7 +291,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::StandardNormal;
 
-    /// A second-order plant with and without a direct path behind a dead time of any fraction of a sample; white noise of a hundredth of the output's power.
+    /// A second-order plant with and without a direct path behind a fractional dead time. White noise has 1 % of the output's power.
     fn drawn(seed: u64) -> (Log, f64, bool) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let (ts, direct) = (0.02, seed.is_multiple_of(2));
@@ -336,7 +337,7 @@ mod tests {
         (Log::new("drawn", time, channels).unwrap(), delay_s / ts, direct)
     }
 
-    /// In how many draws the dead time is the whole samples before the first response: with a direct path the sample at which it begins, else the one before.
+    /// Draws whose removed dead time is exact. Exact are the whole samples before the first response; with a direct path, the sample at which it begins.
     fn right(seeds: std::ops::Range<u64>) -> usize {
         let mut right = 0;
         for seed in seeds {
@@ -356,7 +357,7 @@ mod tests {
             )
             .unwrap();
             let truth = if direct { samples.ceil() } else { samples.floor() };
-            // The part of a sample that stays is within the matrices; a tenth of a sample of response is below the noise.
+            // The fractional part is within the matrices; a tenth of a sample of response is below the noise.
             let near = (found.delays[0] as f64 - truth).abs() <= 1.0;
             assert!(near, "{seed}: {} for {samples}", found.delays[0]);
             right += usize::from(found.delays[0] as f64 == truth);
@@ -366,7 +367,7 @@ mod tests {
 
     #[test]
     fn the_dead_time_is_that_of_the_best_model_behind_it() {
-        // None is more than a sample off; how many are exact is a rate.
+        // Every draw is within one sample; the exact ones are a rate.
         assert!(right(0..4) > 0);
     }
 
@@ -377,7 +378,7 @@ mod tests {
         assert!(right >= 7, "{right} of 10");
     }
 
-    /// The flight that ships with the project, behind 0.13 s of dead time: from the log to the parameters as a user types it, from files whose values are off.
+    /// The shipped flight behind 0.13 s of dead time. The user's commands lead from the log to the parameters, starting from wrong values in the files.
     #[test]
     fn the_shipped_flight_gives_dead_time_and_parameters_back() {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples");
@@ -408,7 +409,7 @@ mod tests {
                 let value = if delay { 0.13 } else { own.unwrap().1.value };
                 let [from, to] = p.interval.unwrap();
                 let wide = 0.5 * (to - from);
-                // What the response does not fix stays at the file's value.
+                // Parameters that the response does not determine keep the file's value.
                 let held = p.standing == Standing::Held;
                 assert!(held || from - wide <= value && value <= to + wide, "{value}: {p:?}");
                 assert!(!delay || (p.value - 0.13).abs() < 0.004, "{p:?}");

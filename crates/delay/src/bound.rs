@@ -1,7 +1,7 @@
-//! How well a delay can be known at all: lower bounds on the standard deviation of any unbiased estimate, and what happens below the threshold where they fail.
+//! Lower bounds on the standard deviation of any unbiased delay estimate, and the error below the threshold where these bounds fail.
 //!
-//! Standard deviations are in the unit of time that goes in: samples where signals go in, seconds where frequencies or time constants do. ρ is the ratio of the power
-//! of the signal to that of the noise.
+//! Standard deviations have the unit of the time arguments: samples for signals, seconds for frequencies or time constants. ρ is the ratio of the power of the
+//! signal to that of the noise.
 
 use nalgebra::Complex;
 use rustfft::FftPlanner;
@@ -9,7 +9,7 @@ use statrs::function::erf::erfc;
 
 use deadtime_identify::dot;
 
-/// Two sensors that see one white signal in white noise of the same ratio ρ = `snr`, over the whole band: √(3(1 + 2ρ)/(π²Nρ²)) samples.
+/// Two sensors observe one white signal in white noise of equal ratio ρ = `snr`, over the whole band: √(3(1 + 2ρ)/(π²Nρ²)) samples.
 ///
 /// Source: Knapp and Carter (1976), IEEE Trans. ASSP 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, for a flat spectrum up to half the sampling rate.
 #[must_use]
@@ -29,7 +29,7 @@ pub fn two_sensors(duration_s: f64, band_hz: [f64; 2], coherence: impl Fn(f64) -
     (2.0 * duration_s * information).sqrt().recip()
 }
 
-/// A white signal known without noise, its delayed copy in white noise: √(3/(π²Nρ)) samples, at high ρ better than two sensors by √2.
+/// A white signal known without noise, and its delayed copy in white noise: √(3/(π²Nρ)) samples. At high ρ this is smaller than for two sensors by √2.
 ///
 /// Source: Kay (1993), "Fundamentals of Statistical Signal Processing: Estimation Theory", example 3.13.
 #[must_use]
@@ -58,7 +58,7 @@ pub fn reference(signal: &[f64], noise_std: f64) -> f64 {
     noise_std / energy.sqrt()
 }
 
-/// A response known but for its delay: σ/‖ψ‖, ψ = ∂ŷ/∂L at each sample. For noise that is not white filter ψ by the inverse of what colours it.
+/// A response known except for its delay: σ/‖ψ‖, ψ = ∂ŷ/∂L at each sample. For coloured noise, filter ψ by the inverse noise model.
 ///
 /// Source: Kay (1993), section 3.5.
 #[must_use]
@@ -66,7 +66,7 @@ pub fn known_model(slope: &[f64], noise_std: f64) -> f64 {
     noise_std / dot(slope, slope).sqrt()
 }
 
-/// The same where other parameters are unknown too: σ/‖P⊥ψ‖. P⊥ψ is the part of ψ that is no combination of their derivatives `others` (gain, poles, initial state, …).
+/// The same with further unknown parameters: σ/‖P⊥ψ‖. P⊥ψ is the component of ψ orthogonal to their derivatives `others` (gain, poles, initial state, …).
 /// `None` where P⊥ψ vanishes: delay and other parameters are indistinguishable.
 ///
 /// Source: Kay (1993), section 3.7; the Schur complement of the information matrix.
@@ -77,10 +77,10 @@ pub fn joint(slope: &[f64], others: &[Vec<f64>], noise_std: f64) -> Option<f64> 
     (share > INDISTINCT).then(|| known_model(&alone, noise_std))
 }
 
-/// A derivative of which less than this share of its energy is its own is a combination of the others but for rounding.
+/// A derivative whose orthogonal component holds less than this share of its energy depends on the others, up to rounding.
 const INDISTINCT: f64 = 1e-18;
 
-/// What of `slope` is no combination of `others`: Gram-Schmidt, twice, as once leaves rounding in.
+/// The component of `slope` orthogonal to `others`, by Gram-Schmidt; a second pass removes rounding.
 pub(super) fn alone<'a>(slope: &[f64], others: impl Iterator<Item = &'a [f64]>) -> Vec<f64> {
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for other in others {
@@ -109,7 +109,7 @@ fn take_off(column: &mut [f64], basis: &[Vec<f64>]) {
     }
 }
 
-/// K·e^(−Ls)/(Ts + 1) after a step of its input, over a record long against T.
+/// K·e^(−Ls)/(Ts + 1) after an input step, over a record that is long compared with T.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FirstOrderStep {
     /// K times the step.
@@ -118,34 +118,34 @@ pub struct FirstOrderStep {
     pub lag_s: f64,
     /// The sample time, s.
     pub sample_time_s: f64,
-    /// Standard deviation of the noise of a sample, in the output's unit.
+    /// Standard deviation of the noise per sample, in the output's unit.
     pub noise_std: f64,
 }
 
 impl FirstOrderStep {
     /// K and T known: √(2TΔσ²/(KA)²) seconds.
     ///
-    /// From [`known_model`] with ψ = −(KA/T)·e^(−(t − L)/T) and the sum as an integral: it asks for a sample time short against T.
+    /// Follows from [`known_model`] with ψ = −(KA/T)·e^(−(t − L)/T) and an integral for the sum; valid for a sample time short compared with T.
     #[must_use]
     pub fn known(&self) -> f64 {
         (2.0 * self.lag_s * self.sample_time_s).sqrt() * self.noise_std / self.height.abs()
     }
 
-    /// T unknown too (and K known, as a long record knows it): twice the variance, √(4TΔσ²/(KA)²) seconds.
+    /// T unknown too (K is known from the long record): twice the variance, √(4TΔσ²/(KA)²) seconds.
     #[must_use]
     pub fn joint(&self) -> f64 {
         std::f64::consts::SQRT_2 * self.known()
     }
 }
 
-/// The least root mean square error of a delay drawn from 0 to `window` with equal chances, also below the threshold, where it tends to window/√12.
+/// The least root mean square error of a delay drawn uniformly from 0 to `window`. The bound holds below the threshold, too, where it tends to window/√12.
 ///
-/// MSE ≥ ∫h·max over η ≥ h of {(1 − η/D)·Q(d(η)/2)}·dh; `distance(h)` is d: the norm of ŷ delayed by h more minus ŷ, over the noise's standard deviation of a sample.
-/// Holds for known dynamics; with their derivatives projected out of the difference it is a guide, not a bound.
+/// MSE ≥ ∫h·max over η ≥ h of {(1 − η/D)·Q(d(η)/2)}·dh. `distance(h)` is d: the norm of ŷ delayed by h minus ŷ, over the noise's standard deviation per sample.
+/// The bound holds for known dynamics; with their derivatives projected out of the difference it is a guide.
 /// Source: Bell, Steinberg, Ephraim and Van Trees (1997), IEEE Trans. Inf. Theory 43(2), 624-637, doi:10.1109/18.556118.
 #[must_use]
 pub fn ziv_zakai(window: f64, distance: impl Fn(f64) -> f64) -> f64 {
-    // Equal steps of the logarithm: the integrand lives within a few standard deviations of 0 where the data know much, and everywhere where they do not.
+    // Logarithmic steps: informative data confine the integrand to a few standard deviations around 0; uninformative data spread it over the window.
     let at = |i: usize| window * (RANGE * (count(i) / count(STEPS) - 1.0)).exp();
     let (mut filled, mut mse, mut last) = (0.0_f64, 0.0, (window, 0.0));
     for i in (0..STEPS).rev() {
@@ -160,30 +160,30 @@ pub fn ziv_zakai(window: f64, distance: impl Fn(f64) -> f64) -> f64 {
 
 /// Points of the integrals.
 const STEPS: usize = 4096;
-/// From e^(−25) of the window on: shorter delays add nothing.
+/// The integral begins at e^(−25) of the window; shorter delays contribute nothing.
 const RANGE: f64 = 25.0;
 
-/// The probability that noise makes a higher peak of a correlation elsewhere: 1 − ∫φ(z − m)·Φ(z)^(M − 1)·dz.
+/// The probability that noise produces a higher correlation peak elsewhere: 1 − ∫φ(z − m)·Φ(z)^(M − 1)·dz.
 ///
-/// `peak` m is the true peak's height over the standard deviation of the correlation off the peak. `cells` M is the number of independent lags searched, about 2·D·B for
-/// a window D and a bandwidth B.
+/// `peak` m is the true peak's height over the standard deviation of the correlation away from the peak. `cells` M is the number of independent lags searched,
+/// about 2·D·B for a window D and a bandwidth B.
 ///
 /// Source: Ianniello (1982), IEEE Trans. ASSP 30(6), 998-1003, doi:10.1109/TASSP.1982.1163992.
 #[must_use]
 pub fn anomaly_probability(peak: f64, cells: f64) -> f64 {
     let density = |x: f64| (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt();
-    // 1 − Φ^(M−1) instead of 1 − ∫: no digits are lost where the probability is small.
+    // 1 − Φ^(M−1) instead of 1 − ∫ keeps full precision where the probability is small.
     let wrong = |z: f64| -f64::exp_m1((cells - 1.0).max(0.0) * f64::ln_1p(-tail(z)));
     integral([peak - 10.0, peak + 10.0], |z| density(z - peak) * wrong(z)).clamp(0.0, 1.0)
 }
 
-/// The root mean square error of a correlator that errs as [`anomaly_probability`] says, uniformly over the window then, and by `std` else.
+/// The root mean square error of a correlator: uniform over the window with the given [`anomaly_probability`], else of standard deviation `std`.
 #[must_use]
 pub fn with_anomalies(std: f64, window: f64, probability: f64) -> f64 {
     (probability * window * window / 12.0 + (1.0 - probability) * std * std).sqrt()
 }
 
-/// Q(x), the chance that a normal number exceeds x.
+/// Q(x), the probability that a standard normal variable exceeds x.
 fn tail(x: f64) -> f64 {
     0.5 * erfc(x / std::f64::consts::SQRT_2)
 }

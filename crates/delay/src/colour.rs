@@ -1,11 +1,11 @@
-//! Whether the noise of a record has a colour.
+//! Whether the noise of a record is coloured.
 //!
-//! Equation: y(t) = Σ hⱼ·u(t−j) + Σ cₖ·xₖ(t) + Σ dₖ·zₖᵗ + Σ aᵢ·y(t−i) + e(t), xₖ(t) = zₖ·xₖ(t−1) + u(t−1). The first three sums hold the response, however slow: free
-//! coefficients for its beginning, slow modes on a grid for its tail, and the decay of what came before the record. Noise is coloured where the past outputs lower Σ e² by
-//! more than white noise allows.
+//! Equation: y(t) = Σ hⱼ·u(t−j) + Σ cₖ·xₖ(t) + Σ dₖ·zₖᵗ + Σ aᵢ·y(t−i) + e(t), xₖ(t) = zₖ·xₖ(t−1) + u(t−1). The first three sums hold the response: free
+//! coefficients for its beginning, slow modes on a grid for its tail, and the initial state's decay. Noise is coloured where past outputs lower Σ e² by more
+//! than white noise allows.
 //!
-//! How it can be wrong: a plant that rings for longer than the free coefficients with a damping that the grid does not have leaves a tail, which passes for colour; noise as
-//! slow as the record is a decay like any other.
+//! How it can be wrong: a plant that rings beyond the free coefficients, damped off the grid, leaves a tail that passes for colour. Noise as slow as the record
+//! is indistinguishable from a decay.
 
 use nalgebra::{Complex, DMatrix};
 
@@ -14,9 +14,9 @@ use crate::finding::Finding;
 use crate::method::Condition;
 use deadtime_identify::{Record, Regression};
 
-/// How much less the innovations must be than the residuals of the free response for the noise to count as coloured.
+/// Ratio of the free response's residual variance to the innovations' variance from which the noise counts as coloured.
 const COLOURED: f64 = 1.25;
-/// Samples that are looked at for slow modes.
+/// Samples used for the slow modes.
 const LOOKED_AT: usize = 6000;
 /// The fastest time constant of the grid, samples; faster ones die out within the free coefficients.
 const FASTEST: f64 = 12.0;
@@ -26,12 +26,12 @@ const RATIO: f64 = 2.0;
 const RINGING: [f64; 2] = [1.0, 3.0];
 /// Rows for each column.
 const ROWS: usize = 3;
-/// A column that adds less than this share of its own norm to those before it depends on them.
+/// A column whose new component is below this share of its norm depends on the previous columns.
 const DEPENDENT: f64 = 1e-9;
 
-/// Colour of the noise, where past outputs predict what the response leaves.
+/// Coloured noise: past outputs predict the response's residual.
 ///
-/// Source: Ljung (1999), "System Identification", 2nd ed., section 16.6, for residuals that are to be white; Wahlberg and Mäkilä (1996), Automatica 32(5), 693-708,
+/// Source: Ljung (1999), "System Identification", 2nd ed., section 16.6, for the whiteness of residuals. Wahlberg and Mäkilä (1996), Automatica 32(5), 693-708,
 /// doi:10.1016/0005-1098(95)00198-0, for slow modes as a basis.
 pub(super) fn colour(records: &[Record<'_>], na: usize, max_delay: usize) -> Option<Finding> {
     let lags = lags(records, max_delay);
@@ -40,7 +40,7 @@ pub(super) fn colour(records: &[Record<'_>], na: usize, max_delay: usize) -> Opt
     let ratio =
         free / (rows - lags) as f64 / (white / (fewer - lags - na) as f64).max(f64::MIN_POSITIVE);
     let beyond = |ratio: f64| ratio > COLOURED && ratio.is_finite();
-    // What the free coefficients cut off may be the rest of a slow response.
+    // The residual beyond the free coefficients may be the tail of a slow response.
     let ratio =
         if beyond(ratio) { with_slow_modes(records, na, lags).unwrap_or(ratio) } else { ratio };
     beyond(ratio).then(|| Finding {
@@ -64,7 +64,7 @@ fn modes(samples: usize) -> Vec<Complex<f64>> {
     modes
 }
 
-/// By how much past outputs lower the error of a response with slow modes; `None` where the records are too short for these.
+/// The factor by which past outputs lower the error of a response with slow modes; `None` where the records are too short for these modes.
 fn with_slow_modes(records: &[Record<'_>], na: usize, lags: usize) -> Option<f64> {
     let mut left = LOOKED_AT;
     let heads: Vec<Record<'_>> = records
@@ -107,7 +107,7 @@ fn complete(record: &Record<'_>, t: usize, na: usize) -> bool {
     record.present.as_ref().is_none_or(|p| p[t - na..=t].iter().all(|p| *p))
 }
 
-/// The columns of slow modes and of their decays, from column `at` on.
+/// Fills the columns of the slow modes and of their decays, from column `at` on.
 fn fill_modes(
     a: &mut DMatrix<f64>,
     records: &[Record<'_>],
@@ -143,7 +143,7 @@ fn fill_modes(
     }
 }
 
-/// The variance of what the first `before` columns leave of the last, over that of what all leave.
+/// The last column's residual variance after the first `before` columns, over that after all columns.
 fn gained(a: DMatrix<f64>, before: usize) -> Option<f64> {
     let (rows, last) = (a.nrows(), a.ncols() - 1);
     let norms: Vec<f64> = a.column_iter().map(|c| c.norm()).collect();
@@ -163,7 +163,8 @@ mod tests {
     use rand_chacha::rand_core::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// A plant of one or two real poles, or of a pair, whose slowest time constant is between a sample and a thousand; steps as long as it needs; noise of this pole.
+    /// A plant of one or two real poles or a pair; the slowest time constant is 1 to 1000 samples. The steps are as long as the plant needs; the noise has this
+    /// pole.
     fn drawn(seed: u64, colour: f64) -> Record<'static> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let samples = rng.random_range(600..4000_usize);

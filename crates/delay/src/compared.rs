@@ -1,8 +1,9 @@
-//! Process models, transfer functions and subspace models of the same records, compared on validation data, and the simplest that none outdoes.
+//! Process models, transfer functions and subspace models of the same records, compared on validation data. The comparison recommends the simplest model that
+//! none outperforms significantly.
 //!
-//! How it can be wrong: the validation data choose, so the fit of the chosen one is optimistic on them (held-out data are to be others); blocks that are correlated
-//! make the standard error too small, and a larger model is kept; under feedback free runs of biased models fit well, so methods that assume an open loop are not
-//! eligible there.
+//! How it can be wrong: the validation data select, so the selected model's fit on them is optimistic; held-out data must be others. Correlated blocks make the
+//! standard error too small, so a larger model is selected. Under feedback, free runs of biased models fit well; methods that assume an open loop are therefore
+//! not eligible there.
 //!
 //! Source of the rule: the one-standard-error rule, Breiman et al. (1984), "Classification and Regression Trees", section 3.4.3, on paired differences over blocks.
 
@@ -21,9 +22,9 @@ use deadtime_signal::stop::Stop;
 
 /// Contiguous blocks of the validation data over which errors are compared.
 const BLOCKS: usize = 10;
-/// 95 % quantile, one-sided, of Student's t with `BLOCKS` − 1 degrees of freedom: a candidate whose excess error over the best is below it is within its noise.
+/// 95 % quantile, one-sided, of Student's t with `BLOCKS` − 1 degrees of freedom. A candidate whose excess error over the best is below it is within the noise.
 const T_95: f64 = 1.833;
-/// Coefficients of F and of B of the transfer functions that are tried.
+/// Coefficients of F and of B of the candidate transfer functions.
 const TRANSFER: [[usize; 2]; 5] = [[1, 1], [2, 1], [2, 2], [3, 2], [4, 3]];
 
 /// A model that was tried.
@@ -33,49 +34,49 @@ pub struct Candidate {
     pub method: &'static str,
     /// Its options other than the defaults, a JSON object.
     pub options: Value,
-    /// Dead time of each input, s; empty where it failed.
+    /// Dead time of each input, s; empty where the fit failed.
     pub dead_time_s: Vec<f64>,
     /// States.
     pub order: Option<usize>,
     /// Fitted parameters, dead times included.
     pub parameters: Option<usize>,
-    /// 100·(1 − rms error/standard deviation) on the validation data, all outputs together.
+    /// 100·(1 − rms error/standard deviation) on the validation data, over all outputs.
     pub fit_percent: Option<f64>,
-    /// Its validation error does not exceed that of the best by more than noise.
+    /// Its validation error does not exceed the best one's by more than the noise.
     pub as_good_as_best: bool,
-    /// The one that is recommended.
+    /// This is the recommended candidate.
     pub chosen: bool,
     /// Why it is not eligible, or why it failed.
     pub why_not: Option<String>,
 }
 
-/// All candidates, and what they were compared by.
+/// All candidates, and the error by which they are compared.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// The candidates, the smallest validation error first; those that failed last.
+    /// The candidates in order of validation error; failed ones last.
     pub candidates: Vec<Candidate>,
-    /// The errors are those of free runs; else of one-step predictions, because no free run beats the mean.
+    /// Errors are those of free runs; `false`: of one-step predictions, because no free run beats the mean.
     pub free_run: bool,
 }
 
 impl Comparison {
-    /// The recommended one.
+    /// The recommended candidate.
     #[must_use]
     pub fn chosen(&self) -> Option<&Candidate> {
         self.candidates.iter().find(|c| c.chosen)
     }
 }
 
-/// A candidate with its squared errors: by stretch, over the outputs' variances, of free runs and of one-step predictions.
+/// A candidate with its squared errors: per stretch, over the outputs' variances, of free runs and of one-step predictions.
 struct Tried {
     candidate: Candidate,
     errors: Option<[Vec<Vec<f64>>; 2]>,
 }
 
-/// Every method on `training`, compared on `validation`; `logs` are the records that dead times are estimated in.
+/// Fits every method to `training` and compares the models on `validation`; dead times are estimated in the records `logs`.
 ///
 /// # Errors
-/// Where no method gives a model: that of the last one.
+/// Where no method gives a model, the last method's error.
 pub fn compare_models(
     training: &Recordings,
     validation: &Recordings,
@@ -91,7 +92,7 @@ pub fn compare_models(
         stop.check()?;
         let part = |at: usize| at as f64 / plan.len() as f64;
         far.at(part(at), &format_args!("{method}, {} of {}", at + 1, plan.len()));
-        // Dead times of a model with states are estimated once.
+        // The dead times of state-space models are estimated once.
         let removed = delays.clone().map_or(TakenOut::Estimated, TakenOut::Given);
         let own = identifier(method)?.finds_delays;
         let removed = if own { TakenOut::Estimated } else { removed };
@@ -124,7 +125,7 @@ pub fn compare_models(
     }
 }
 
-/// What is tried on these records: process models only of one input and one output, transfer functions only of one output.
+/// The candidates for these records: process models only for one input and one output, transfer functions only for one output.
 fn plan(training: &Recordings) -> Vec<(&'static str, Value)> {
     let (inputs, outputs) = (training.inputs.len(), training.outputs.len());
     let mut plan = Vec::new();
@@ -157,7 +158,7 @@ fn failure(method: &'static str, options: &Value, error: &super::error::Error) -
     }
 }
 
-/// A model's errors on the validation data. A model that is biased by feedback is shown, and not eligible.
+/// A model's errors on the validation data. A model biased by feedback is listed, and not eligible.
 fn judged(
     (method, options): (&'static str, &Value),
     found: &BehindDelays,
@@ -192,7 +193,7 @@ fn judged(
     Ok(Tried { candidate, errors: Some([square(&free), square(&ahead)]) })
 }
 
-/// The variance of each output over all stretches, times the number of outputs that move: a sum over outputs is then a mean.
+/// The variance of each output over all stretches, times the number of moving outputs: a sum over outputs is then a mean.
 fn variances(of: &Recordings) -> Vec<f64> {
     let each: Vec<f64> = (0..of.outputs.len())
         .map(|i| {
@@ -217,7 +218,7 @@ fn dead_times(m: &Identified, delays: &[usize]) -> Vec<f64> {
     delays.iter().map(|d| m.sample_time.to_seconds(*d as f64)).collect()
 }
 
-/// Fitted parameters: those of a given structure, else the entries of a canonical form of A, B, C and K that are free, and the dead times.
+/// Fitted parameters and dead times: those of a given structure, else the free entries of a canonical form of A, B, C and K.
 fn parameters(m: &Identified) -> usize {
     let (n, inputs, outputs) = (m.model.order(), m.inputs.len(), m.outputs.len());
     match &m.parametric {
@@ -227,7 +228,7 @@ fn parameters(m: &Identified) -> usize {
     }
 }
 
-/// The error of every block: the mean over the samples that all candidates have.
+/// The error of every block: the mean over the samples common to all candidates.
 fn blocks(errors: &[Vec<f64>], lengths: &[usize]) -> Vec<f64> {
     let all: Vec<f64> = errors
         .iter()
@@ -242,7 +243,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// The simplest eligible candidate that the best one does not outdo.
+/// Selects the simplest eligible candidate that the best does not outperform significantly.
 fn compare(mut tried: Vec<Tried>) -> Comparison {
     let stretches = tried
         .iter()
@@ -310,7 +311,8 @@ mod tests {
 
     const STEP_S: f64 = 0.1;
 
-    /// Random binary input held for ten samples; y = Σ b·u(t − delay − 1) − Σ a·y, with white noise of this size, and the input moved by −`gain`·y.
+    /// Random binary input held for ten samples; y = Σ b·u(t − delay − 1) − Σ a·y, with white noise of this standard deviation. Feedback moves the input by
+    /// −`gain`·y.
     fn record(a: &[f64], b: f64, delay: usize, noise: f64, gain: f64, seed: u64) -> Log {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };

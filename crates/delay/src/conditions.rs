@@ -1,4 +1,4 @@
-//! What makes one method trustworthy on a record and another not: feedback, an unstable plant, coloured noise, a plant with a lag of its own, missing samples.
+//! Conditions of a record that decide which methods to trust: feedback, an unstable plant, coloured noise, plant dynamics, missing samples.
 
 use super::colour::colour;
 use super::estimator::Search;
@@ -9,22 +9,21 @@ use super::method::Condition;
 use crate::posterior::{ARX_ORDERS, smallest};
 use deadtime_identify::{Record, Regression, arx_scan, largest_pole};
 
-/// Coefficients after which a response that lasts is cut off.
+/// Coefficients after which a long response is truncated.
 const LAGS: usize = 71;
-/// Samples between the first reaction and the centre of the response that make a lag; a copy that is delayed by a fraction of a sample has half a sample.
+/// Samples between the first response and the centre of the response that indicate a lag. A copy delayed by a fraction of a sample has 0.5.
 const LAG: f64 = 0.75;
-/// Share of the largest coefficient from which one counts.
+/// Share of the largest coefficient from which a coefficient is included.
 const BEGUN: f64 = 0.1;
 
-/// What the records of one pair show, judged by ARX models of the orders of
-/// [`Arxstruc`](crate::Arxstruc) over the same window.
+/// Conditions that the records of one pair show, from ARX models of the orders of [`Arxstruc`](crate::Arxstruc) over the same window.
 ///
 /// * Feedback: see [`in_loop`], for a plant that is strictly proper.
-/// * Unstable plant: a pole outside the unit circle by more than 3/N, three times the rate at which an estimate of a pole at 1 converges.
-/// * Coloured noise: past outputs predict what a free response leaves, slow tail included (see `colour`).
+/// * Unstable plant: a pole outside the unit circle by more than 3/N. An estimated pole at 1 converges at the rate 1/N.
+/// * Coloured noise: past outputs predict the residual of a free response with a slow tail (see `colour`).
 /// * Dynamics: the response's centre lies later than its beginning.
 ///
-/// Each can be wrong: a response longer than 71 samples that rings slowly with little damping can pass for coloured noise. Too short a record shows nothing.
+/// Each can be wrong: a lightly damped response that rings slowly beyond 71 samples can pass for coloured noise. Too short a record reveals no condition.
 #[must_use]
 pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
     let mut found = of_the_plant(records, max_delay);
@@ -32,7 +31,7 @@ pub fn conditions(records: &[Record], max_delay: usize) -> Vec<Finding> {
     found
 }
 
-/// The same without feedback.
+/// The same without the feedback test.
 pub(super) fn of_the_plant(records: &[Record], max_delay: usize) -> Vec<Finding> {
     let mut found = Vec::new();
     let missing: usize = records
@@ -71,27 +70,28 @@ pub(super) fn of_the_plant(records: &[Record], max_delay: usize) -> Vec<Finding>
     found
 }
 
-/// Share of the largest coefficient from which the response has begun, where it may ring on either side.
+/// Share of the largest coefficient from which the response has begun; ringing on either side is allowed.
 const HALF: f64 = 0.5;
-/// Coefficients to either side of its beginning that the ringing is judged by,
+/// Coefficients on either side of the beginning that determine the ringing,
 const AROUND: usize = 4;
-/// and the share of all that they have: 94 % of a copy delayed by half a sample, 40 % of a response that lasts 20 samples.
+/// and their share of all: 94 % for a copy delayed by half a sample, 40 % for a response over 20 samples.
 const MOST: f64 = 0.8;
-/// As many times their sum the absolute values of the coefficients may have: of a copy delayed by half a sample it is 2.3, as its response is sin(πx)/(πx).
+/// Limit of Σ|h| over |Σh| around the beginning. A copy delayed by half a sample reaches 2.3, because its response is sin(πx)/(πx).
 const RINGS: f64 = 2.5;
 
-/// Whether the response lasts one sample, the ringing of a fraction of a sample on either side included: its signed centre is near the first coefficient of half its height.
+/// Whether the response lasts one sample, including the ringing of a fractional delay. A one-sample response has its signed centre near the first coefficient
+/// of half its height.
 ///
-/// How it can be wrong: a plant that overshoots by as much as a fraction rings is taken for a copy.
+/// How it can be wrong: a plant whose overshoot equals the ringing of a fractional delay is taken for a copy.
 pub(super) fn lasts_one_sample(records: &[Record], max_delay: usize) -> bool {
-    // No past outputs: those of a copy that rings on either side hold its later samples.
+    // No past outputs: those of a copy that rings on either side contain its later samples.
     let free = Regression { na: 0, lags: lags(records, max_delay) };
     let Some(solution) = free.factor(records).solve() else { return false };
     let response = solution.coefficients;
     let largest = response.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
     let counted = || response.iter().enumerate().filter(|(_, h)| h.abs() > BEGUN * largest);
     let begun = counted().find(|(_, h)| h.abs() > HALF * largest).map_or(0, |(k, _)| k);
-    // As many on either side of a delay by half a sample.
+    // Both sides have equally many coefficients for a delay of half a sample.
     let near = || counted().filter(|(k, _)| k + AROUND > begun && *k <= begun + AROUND);
     let sum: f64 = near().map(|(_, h)| h).sum();
     let [all, around]: [f64; 2] =
@@ -100,16 +100,16 @@ pub(super) fn lasts_one_sample(records: &[Record], max_delay: usize) -> bool {
     around > MOST * all && around < RINGS * sum.abs() && (moment / sum).abs() < LAG
 }
 
-/// A single output sample stands off from this distance to the median of the five around it, in multiples of the distance that 95 % of samples keep.
+/// A single output sample is isolated from this distance to its five neighbours' median, in multiples of the 95 % quantile of all distances.
 const STANDS_OFF: f64 = 5.0;
 
-/// Output samples that stand alone, far off those before and after, as outliers do and as a response that lasts seldom does.
+/// Isolated output samples, far from those before and after. Outliers are isolated; samples of a response seldom are.
 ///
-/// The distance is the smaller of that to the median and that to the cubic through the two samples on either side, (4·(y₋₁+y₁) − (y₋₂+y₂))/6: the crest of a smooth signal is far from
-/// the median alone.
+/// The distance is the smaller of two: to the median, and to the cubic through two samples on either side, (4·(y₋₁+y₁) − (y₋₂+y₂))/6. The crest of a smooth
+/// signal is far from the median alone.
 ///
-/// The scale is the 95 % point of all samples' distances, not their median as Hampel's filter has it: what answers to a random input stays near its neighbours mostly, and
-/// then moves.
+/// The scale is the 95 % quantile of all distances; Hampel's filter uses their median. A response to a random input mostly stays near its neighbours, and then
+/// moves.
 #[must_use]
 pub fn standing_off(records: &[Record]) -> usize {
     let mut off: Vec<Vec<f64>> = Vec::with_capacity(records.len());
@@ -131,16 +131,16 @@ pub fn standing_off(records: &[Record]) -> usize {
     off.iter().map(|d| d.windows(3).filter(alone).count()).sum()
 }
 
-/// The value below which so many twentieths lie; 0 of none.
+/// The quantile at this number of twentieths; 0 for no values.
 fn point(mut values: Vec<f64>, twentieths: usize) -> f64 {
     let at = values.len() * twentieths / 20;
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(at, f64::total_cmp).1 }
 }
 
-/// Correlation of two inputs, at any lag of the window, from which what one does passes for what the other does.
+/// Correlation of two inputs, at any lag of the window, from which their effects are indistinguishable.
 const TOGETHER: f64 = 0.3;
 
-/// Another input that moves with the first: what that input does is then no noise that would average out.
+/// Another input correlated with the first: its effect is then no noise that would average out.
 #[must_use]
 pub fn moving_together(experiment: &Experiment<'_>, max_delay: usize) -> Option<Finding> {
     let correlation = |other: usize| {
@@ -169,7 +169,7 @@ pub fn moving_together(experiment: &Experiment<'_>, max_delay: usize) -> Option<
     Some(Finding { condition: Condition::OtherInputs, evidence })
 }
 
-/// Samples from the response's beginning to the centre of its coefficients, those that are a tenth of the largest or more.
+/// Samples from the beginning of the response to the centre of its coefficients, those below 10 % of the largest left out.
 fn lag(a: &[f64], b: &[f64]) -> f64 {
     let Some(response) = response(a, b) else { return f64::INFINITY };
     let least = BEGUN * response.iter().fold(0.0, |m: f64, h| m.max(h.abs()));
@@ -181,7 +181,7 @@ fn lag(a: &[f64], b: &[f64]) -> f64 {
     if total > 0.0 { moment / total } else { 0.0 }
 }
 
-/// The impulse response of past outputs and inputs; `None` where it grows without bounds.
+/// The impulse response of past outputs and inputs; `None` where it diverges.
 fn response(a: &[f64], b: &[f64]) -> Option<Vec<f64>> {
     let mut response: Vec<f64> = Vec::with_capacity(10 * LAGS);
     for k in 0..10 * LAGS {
@@ -206,7 +206,7 @@ mod tests {
     use deadtime_identify::Record;
     use rand::{RngExt, SeedableRng};
 
-    /// A smooth signal that rests most of the time, and seldom has a crest.
+    /// A smooth signal at rest most of the time, with occasional crests.
     fn crests(rng: &mut rand_chacha::ChaCha8Rng, noise: f64) -> Vec<f64> {
         let mut y = vec![0.0; 1200];
         for crest in 0..12 {
@@ -229,7 +229,7 @@ mod tests {
             let mut y = crests(&mut rng, noise);
             let u = vec![0.0; y.len()];
             assert_eq!(standing_off(&[Record::new(u.clone(), y.clone())]), 0, "{noise}");
-            // Where the signal rests.
+            // Samples where the signal rests.
             let places = [100, 450, 750, 1100].map(|at| at + rng.random_range(0..10_usize));
             places.iter().for_each(|at| y[*at] += 20.0);
             assert_eq!(standing_off(&[Record::new(u, y)]), 4, "{noise}");

@@ -1,4 +1,4 @@
-//! What keeps an estimation from being set up at all.
+//! Errors that prevent the setup of an estimation.
 
 use deadtime_identify::IdentifyError;
 use deadtime_identify::matching::MatchingError;
@@ -19,7 +19,7 @@ use deadtime_signal::sum;
 use deadtime_signal::time::TimeError;
 
 sum!(
-    /// Whatever keeps a dead time from being estimated.
+    /// Any error of dead-time estimation.
     Error {
         Identify(IdentifyError),
         Structured(StructuredError),
@@ -67,7 +67,7 @@ pub enum DelayError {
         needed: usize,
         /// Samples of the longest record.
         got: usize,
-        /// Which options would make it fit.
+        /// The options that would make the record long enough.
         remedy: LengthRemedy,
     },
     /// A channel that never changes.
@@ -97,7 +97,7 @@ pub enum DelayError {
     /// Records or channels of lengths that do not fit.
     #[error("{what}: {got} given, {needed} needed")]
     Count {
-        /// What is counted.
+        /// The counted items.
         what: &'static str,
         /// How many there should be.
         needed: usize,
@@ -113,10 +113,10 @@ pub enum DelayError {
         option: &'static str,
         /// Its value.
         value: f64,
-        /// What it may be.
+        /// The valid range.
         allowed: &'static str,
     },
-    /// Regressors that are combinations of each other, where the coefficients themselves were asked for.
+    /// Linearly dependent regressors, where the coefficients themselves are required.
     #[error(
         "{method}: the lags of the inputs are combinations of each other; use inputs that move more, and not together"
     )]
@@ -160,25 +160,25 @@ pub enum DelayError {
         /// The channel.
         channel: String,
     },
-    /// What is wrong with a log's channels.
+    /// An error in a log's channels.
     #[error("{}", self.remedied().unwrap_or_default())]
     In {
         /// The log.
         log: String,
-        /// What is wrong.
+        /// The error.
         error: Box<DelayError>,
     },
-    /// A search window of nothing, or of more than there is.
+    /// A search window of zero length, or longer than the record.
     #[error("{}", self.remedied().unwrap_or_default())]
     MaxDelay {
-        /// The window asked for, s.
+        /// The requested window, s.
         seconds: f64,
         /// The sample time, s.
         step_s: f64,
         /// Samples of the longest record.
         samples: usize,
     },
-    /// A delay of something that is no input.
+    /// A delay of a channel that is no input.
     #[error("a delay is given for `{input}`, which is no input; there are: {}", inputs.join(", "))]
     NoInput {
         /// The name.
@@ -186,23 +186,23 @@ pub enum DelayError {
         /// The inputs.
         inputs: Vec<String>,
     },
-    /// A search window of a frequency response that is none, or longer than its frequencies tell delays apart.
+    /// A search window of a frequency response of zero length, or longer than its frequency spacing resolves.
     #[error("{}", self.remedied().unwrap_or_default())]
     Turns {
-        /// The window asked for, s.
+        /// The requested window, s.
         seconds: f64,
-        /// Delays that far apart look alike, s.
+        /// Delays at this distance are aliases, s.
         unambiguous_s: f64,
     },
-    /// A search window of nothing, for event times.
+    /// A search window of zero length, for event times.
     #[error("{}", self.remedied().unwrap_or_default())]
     NoWindow,
-    /// A method that looks at something else than was given.
+    /// A method for another kind of data.
     #[error("{}", self.remedied().unwrap_or_default())]
     WrongScope {
         /// The method.
         method: &'static str,
-        /// It looks at event times, and samples were given; or the other way round.
+        /// `true`: the method needs event times, and samples were given; `false`: the other way round.
         events: bool,
     },
     /// A model as equations.
@@ -229,22 +229,22 @@ pub enum DelayError {
         /// The channel.
         channel: String,
     },
-    /// Events between which no time passes that could be counted.
+    /// Events whose typical interval gives no valid sample time.
     #[error("{log}: the intervals between events of `{channel}`: {error}")]
     Intervals {
         /// The log.
         log: String,
         /// The channel.
         channel: String,
-        /// What is wrong with a hundredth of the typical one as a sample time.
+        /// The error of 1 % of the typical interval as a sample time.
         error: TimeError,
     },
-    /// Nobody waits for the answer any more.
+    /// The work was cancelled.
     #[error("stopped before it was done")]
     Stopped,
 }
 
-/// What makes a record long enough.
+/// Remedies for a record that is too short.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LengthRemedy {
     /// A shorter search window.

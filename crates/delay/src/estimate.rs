@@ -1,15 +1,15 @@
-//! What an estimator answers.
+//! The result of an estimator.
 
 use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::time::SampleTime;
 
-/// What came of an estimation.
+/// Outcome of an estimation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// A delay was found.
     Found,
-    /// The best delay is the longest that was searched.
+    /// The best delay is the longest in the search window.
     AtEdge,
     /// The output does not visibly follow the input.
     NotVisible,
@@ -26,7 +26,7 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// A delay comes with it.
+    /// The outcome comes with a delay.
     #[must_use]
     pub fn has_delay(self) -> bool {
         matches!(self, Self::Found | Self::AtEdge)
@@ -48,41 +48,41 @@ impl Outcome {
     }
 }
 
-/// How well a model fits the samples that all models of a record fit.
+/// The fit of a model to the samples that all models of a record fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Misfit {
     /// ln Σ e².
     pub log_cost: f64,
-    /// Independent samples behind it.
+    /// Number of independent samples behind it.
     pub counting: f64,
     /// Free parameters.
     pub parameters: usize,
 }
 
-/// One method's answer for one input and one output.
+/// One method's estimate for one input and one output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DelayEstimate {
-    /// What came of it.
+    /// The outcome.
     pub outcome: Outcome,
-    /// The dead time, s, the degree bias taken off; with `Found` and `AtEdge` only.
+    /// The dead time, s, the degree bias subtracted; with `Found` and `AtEdge` only.
     pub delay_s: Option<f64>,
     /// Its standard deviation, s, the resolution of the method included.
     pub std_s: Option<f64>,
     /// Its 95 % interval, s.
     pub ci95_s: Option<[f64; 2]>,
-    /// What the method's original definition returns, s.
+    /// The estimate of the method's original definition, s.
     pub raw_delay_s: Option<f64>,
-    /// Samples that were taken off the raw value: the relative degree of the sampled plant.
+    /// Samples that were subtracted from the raw value: the relative degree of the sampled plant.
     pub degree_bias_samples: f64,
-    /// What a reader must know besides.
+    /// A note for the reader.
     pub note: Option<Message>,
-    /// What the method leaves over shows that its own model is not that of the data: its interval then says less than it seems to.
+    /// The method's residual contradicts its own model; its interval is then too narrow.
     pub contradicted: bool,
-    /// How well the method's model fits, where models of other orders fit the same.
+    /// The fit of the method's model, where models of other orders fit the same samples.
     pub misfit: Option<Box<Misfit>>,
-    /// The record, of one step or of several inputs, shows no more poles than the method's model has.
+    /// The record, of one step or of several inputs, reveals no more poles than the method's model has.
     pub enough_poles: bool,
-    /// It was read from the part of the input that the output did not cause ([`super::feedback::open_part`]).
+    /// The estimate uses the part of the input that the output did not cause ([`super::feedback::open_part`]).
     pub open_part: bool,
 }
 
@@ -91,7 +91,7 @@ fn longest_searched() -> Message {
 }
 
 impl DelayEstimate {
-    /// Nothing but what came of it.
+    /// An estimate with an outcome alone.
     pub(super) fn bare(outcome: Outcome) -> Self {
         Self {
             outcome,
@@ -108,21 +108,20 @@ impl DelayEstimate {
         }
     }
 
-    /// A delay, and the note that it may be longer where it is the longest searched.
+    /// An estimate with a delay; at the edge of the window, the note says that it may be longer.
     fn found(at_edge: bool) -> Self {
         let outcome = if at_edge { Outcome::AtEdge } else { Outcome::Found };
         Self { note: at_edge.then(longest_searched), ..Self::bare(outcome) }
     }
 
-    /// An answer without a delay.
+    /// An estimate without a delay.
     #[must_use]
     pub fn without(outcome: Outcome, note: impl Into<Message>) -> Self {
         Self { note: Some(note.into()), ..Self::bare(outcome) }
     }
 
-    /// An answer in samples, before the bias `off` is taken off: raw value, standard deviation and
-    /// interval. The bias may be a fraction (half a sample for a phase behind
-    /// a zero-order hold).
+    /// An estimate in samples, before the bias `off` is subtracted: raw value, standard deviation and interval. The bias may be a fraction (half a sample for a
+    /// phase behind a zero-order hold).
     pub(super) fn measured(
         raw: f64,
         std: f64,
@@ -148,7 +147,7 @@ impl DelayEstimate {
         }
     }
 
-    /// The answer of a method that knows no samples: everything in seconds, nothing to take off.
+    /// The estimate of a method in continuous time: all values in seconds, no bias.
     pub(super) fn in_seconds(delay_s: f64, std_s: f64, ci95_s: [f64; 2], at_edge: bool) -> Self {
         if [delay_s, std_s, ci95_s[0], ci95_s[1]].iter().any(|v| !v.is_finite()) {
             return Self::without(
@@ -165,7 +164,7 @@ impl DelayEstimate {
         }
     }
 
-    /// The answer for a record whose input was given `later` seconds too late: no delay is below zero, and one that would be is said.
+    /// The estimate for a record whose input was shifted `later` seconds. Delays are bounded by zero, and a note reports a negative one.
     pub(super) fn finished(mut self, later_s: f64) -> Self {
         let whole = |v: f64| (v + later_s).max(0.0);
         let within = self.delay_s.is_some_and(|d| {
@@ -178,21 +177,21 @@ impl DelayEstimate {
         self.noting(within.then(|| note.to_owned()))
     }
 
-    /// Marks the answer where what the method leaves over contradicts it, and says so.
+    /// Marks the estimate, with a note, where the method's residual contradicts its model.
     #[must_use]
     pub(super) fn contradicted(mut self, why: Option<String>) -> Self {
         self.contradicted |= why.is_some();
         self.noting(why)
     }
 
-    /// Marks the answer as read from the part of the input that the output did not cause.
+    /// Marks the estimate as based on the part of the input that the output did not cause.
     #[must_use]
     pub(super) fn of_open_part(mut self) -> Self {
         self.open_part = true;
         self.noting(Some("from the part of the input that the output did not cause".to_owned()))
     }
 
-    /// With another raw value than the answer itself, s.
+    /// With a raw value that differs from the estimate, s.
     #[must_use]
     pub(super) fn with_raw_s(self, raw_delay_s: f64) -> Self {
         Self { raw_delay_s: Some(raw_delay_s), ..self }

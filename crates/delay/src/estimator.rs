@@ -9,21 +9,21 @@ use deadtime_identify::{Fir, Record, fir_or_rank};
 use deadtime_signal::remedy::{Message, Remedied};
 use deadtime_signal::stop::Stop;
 
-/// How far to search, and what to take off the answer.
+/// The search window, and the bias to subtract from the estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Search {
-    /// Shortest raw delay searched, samples; default 0. Under feedback of the same sample it must be 1 or more (and the plant strictly proper): what the
-    /// controller made of the output's noise would pass for an answer within the sample.
+    /// Shortest raw delay searched, samples; default 0. Under feedback without delay it must be 1 or more, and the plant strictly proper. Otherwise the
+    /// controller's response to output noise passes for a direct path.
     pub min_delay: usize,
-    /// Longest delay searched, samples; default 35. When the answer is the longest, the window doubles once.
+    /// Longest delay searched, samples; default 35. When the estimate is the longest delay, the window doubles once.
     pub max_delay: usize,
-    /// Samples that a delay-free plant already needs to respond (its relative degree), by output and input; pairs beyond the table take `default_bias`.
+    /// Samples after which a delay-free plant first responds (its relative degree), by output and input; pairs beyond the table use `default_bias`.
     pub bias: Vec<Vec<usize>>,
     /// The bias of every other pair; default 1, a strictly proper plant behind a zero-order hold.
     pub default_bias: usize,
-    /// Looked at between pairs and inside long scans; default: never stops.
+    /// Cancellation, checked between pairs and inside long scans; default: never stops.
     pub stop: Stop,
-    /// Output-error models that several methods read; default: none yet.
+    /// Output-error models that several methods share; default: none yet.
     pub scans: Scans,
 }
 
@@ -41,12 +41,12 @@ impl Default for Search {
 }
 
 impl Search {
-    /// Goes on, unless the work is no longer wanted.
+    /// Continues, unless the work is cancelled.
     pub(super) fn go_on(&self) -> Result<(), DelayError> {
         if self.stop.is_set() { Err(DelayError::Stopped) } else { Ok(()) }
     }
 
-    /// Samples by which the input is given later, so that shorter delays are out of reach.
+    /// Samples by which the input is shifted, so that shorter delays are outside the window.
     fn skip(&self) -> usize {
         self.min_delay.min(self.max_delay.saturating_sub(1))
     }
@@ -65,18 +65,18 @@ impl Search {
 
 /// An estimator; the implementor is its option struct.
 pub trait DelayEstimator: Send + Sync {
-    /// The delay from the experiment's first input to its first output, or between its two sequences of events; see [`Experiment::select`] and
-    /// [`Experiment::towards`] for the other pairs.
+    /// The delay from the experiment's first input to its first output, or between its two event sequences. [`Experiment::select`] and [`Experiment::towards`]
+    /// give the other pairs.
     ///
     /// # Errors
-    /// [`DelayError`] where the data cannot be used at all; what the data do not show is an [`Outcome`].
+    /// [`DelayError`] for unusable data. Data without a visible delay are an [`Outcome`].
     fn estimate(
         &self,
         experiment: &Experiment<'_>,
         search: &Search,
     ) -> Result<DelayEstimate, DelayError>;
 
-    /// The delays of all inputs of a method that finds them together; of any other method that of the first.
+    /// The delays of all inputs, for a method that estimates them jointly; for any other method, the first input's.
     ///
     /// # Errors
     /// As [`DelayEstimator::estimate`].
@@ -88,24 +88,24 @@ pub trait DelayEstimator: Send + Sync {
         Ok(vec![self.estimate(experiment, search)?])
     }
 
-    /// It treats the other inputs of the experiment as further causes of the output, rather than as noise.
+    /// The method models the other inputs of the experiment as causes of the output instead of noise.
     fn is_joint(&self) -> bool {
         false
     }
 }
 
-/// One input and one output, as a method sees them.
+/// The data of one input and one output.
 #[derive(Clone, Copy)]
 pub(super) struct PairRecords<'a> {
     /// The records; the shortest delay searched is lag 0.
     pub(super) records: &'a [Record<'a>],
     /// Longest delay, samples.
     pub(super) max_delay: usize,
-    /// Samples that a delay-free plant already needs to respond.
+    /// Samples after which a delay-free plant first responds.
     pub(super) bias: usize,
-    /// Where the records come from.
+    /// The source of the records.
     pub(super) experiment: &'a Experiment<'a>,
-    /// Looked at inside long scans.
+    /// Cancellation, checked inside long scans.
     pub(super) stop: &'a Stop,
     /// Output-error models that another method may have made.
     pub(super) scans: &'a Scans,
@@ -113,19 +113,19 @@ pub(super) struct PairRecords<'a> {
 
 /// Why a method gives no delay.
 pub(super) enum NoDelay {
-    /// The data do not show one.
+    /// The data reveal no delay.
     Answer(DelayEstimate),
-    /// The data cannot be used at all.
+    /// The data cannot be used.
     Refused(DelayError),
 }
 
 impl NoDelay {
-    /// An answer without a delay.
+    /// An estimate without a delay.
     pub(super) fn new(outcome: Outcome, note: impl Into<Message>) -> Self {
         Self::Answer(DelayEstimate::without(outcome, note))
     }
 
-    /// What a scan says where no delay has a finite loss.
+    /// The result of a scan where no delay has a finite loss.
     pub(super) fn overflow() -> Self {
         Self::new(
             Outcome::Singular,
@@ -133,12 +133,12 @@ impl NoDelay {
         )
     }
 
-    /// What a scan of `delays` says where `same` of them fit alike.
+    /// The result of a scan of `delays` of which `same` fit equally.
     pub(super) fn flat(same: usize, delays: usize) -> Self {
         Self::new(Outcome::Flat, format!("{same} of {delays} delays fit equally well"))
     }
 
-    /// The answer, where it is one.
+    /// The estimate, or the error.
     pub(super) fn answered(self) -> Result<DelayEstimate, DelayError> {
         match self {
             Self::Answer(estimate) => Ok(estimate),
@@ -170,25 +170,25 @@ impl<'a> PairRecords<'a> {
         long_enough(method, needed, self.experiment.longest(), remedy)
     }
 
-    /// The output visibly follows the input.
+    /// Fails where the output does not visibly follow the input.
     pub(super) fn visible(&self) -> Result<(), NoDelay> {
         seen(posterior::unseen(self.records, self.max_delay))
     }
 
-    /// No output sample is missing.
+    /// Fails where an output sample is missing.
     pub(super) fn complete(&self, why: &'static str) -> Result<(), NoDelay> {
         let whole = self.records.iter().all(|r| r.present.is_none());
         if whole { Ok(()) } else { Err(NoDelay::new(Outcome::NotApplicable, why)) }
     }
 
-    /// The same where an output may be marked as measured at every sample.
+    /// The same, where a mask that marks every sample as measured is allowed.
     pub(super) fn measured_throughout(&self, why: &'static str) -> Result<(), NoDelay> {
         let gap = |r: &Record| r.present.as_ref().is_some_and(|p| p.contains(&false));
         let gaps = self.records.iter().any(gap);
         if gaps { Err(NoDelay::new(Outcome::NotApplicable, why)) } else { Ok(()) }
     }
 
-    /// The first `most` samples of every record, and the note that says so where one is longer.
+    /// The first `most` samples of every record; a note says so where one is longer.
     pub(super) fn heads(&self, most: usize) -> (Vec<Record<'a>>, Option<String>) {
         let got = self.experiment.longest();
         let cut = self.records.iter().any(|r| r.len() > most);
@@ -204,19 +204,18 @@ impl<'a> PairRecords<'a> {
         PairRecords { records, ..*self }
     }
 
-    /// An answer of a method that counts samples: raw value, standard deviation and interval in
-    /// samples.
+    /// The estimate of a method in samples: raw value, standard deviation and interval.
     pub(super) fn counted(&self, raw: f64, std: f64, interval: [f64; 2]) -> DelayEstimate {
         self.counted_at(raw, std, interval, raw == self.max_delay as f64)
     }
 
-    /// The most probable delay, at which the response shows its first coefficient.
+    /// The most probable delay, at the response's first coefficient.
     pub(super) fn most_probable(&self, posterior: &Posterior) -> DelayEstimate {
         let interval = posterior.first_coefficient(self.bias);
         self.counted(posterior.best as f64, posterior.std, interval)
     }
 
-    /// The same of a method that itself knows whether its answer is at the edge of the window.
+    /// The same, for a method that itself decides whether its estimate is at the edge of the window.
     pub(super) fn counted_at(
         &self,
         raw: f64,
@@ -227,7 +226,7 @@ impl<'a> PairRecords<'a> {
         self.measured(raw, std, interval, at_edge, self.bias as f64)
     }
 
-    /// The same of a method whose bias, `off`, may be a fraction of a sample.
+    /// The same, for a bias `off` that may be a fraction of a sample.
     pub(super) fn measured(
         &self,
         raw: f64,
@@ -240,8 +239,7 @@ impl<'a> PairRecords<'a> {
         DelayEstimate::measured(raw, std, interval, at_edge, off, sample_time)
     }
 
-    /// Refuses a standard deviation, samples, that is no smaller than that of a delay anywhere in
-    /// the window.
+    /// Refuses a standard deviation, samples, at or above that of a uniform delay over the window.
     pub(super) fn narrows(&self, std: f64) -> Result<(), NoDelay> {
         if std <= (self.max_delay as f64).max(1.0) / 12.0_f64.sqrt() {
             return Ok(());
@@ -268,7 +266,7 @@ pub(super) fn long_enough(
     if got < needed { Err(DelayError::TooShort { method, needed, got, remedy }) } else { Ok(()) }
 }
 
-/// The answer, with or without a delay, and a note besides.
+/// The estimate, with or without a delay, with an added note.
 pub(super) fn noted(
     answer: Result<DelayEstimate, NoDelay>,
     note: Option<String>,
@@ -276,13 +274,12 @@ pub(super) fn noted(
     Ok(answer.or_else(NoDelay::answered)?.noting(note))
 }
 
-/// The output visibly follows the input, unless there is a reason why it does not.
+/// Fails with the given reason where the output does not visibly follow the input.
 pub(super) fn seen(unseen: Option<String>) -> Result<(), NoDelay> {
     unseen.map_or(Ok(()), |note| Err(NoDelay::new(Outcome::NotVisible, note)))
 }
 
-/// Refuses options out of their ranges: each with its name, its value, whether that may be, and
-/// what may be.
+/// Refuses options out of their ranges; each has a name, a value, whether it is valid, and the valid range.
 pub(super) fn options<const N: usize>(
     method: &'static str,
     options: [(&'static str, f64, bool, &'static str); N],
@@ -295,7 +292,7 @@ pub(super) fn options<const N: usize>(
     }
 }
 
-/// The finite impulse response of so many coefficients.
+/// The finite impulse response with this number of coefficients.
 pub(super) fn impulse_response(records: &[Record<'_>], taps: usize) -> Result<Fir, NoDelay> {
     fir_or_rank(records, taps).map_err(|found| {
         let (rank, columns) = (found.rank, found.columns);
@@ -304,8 +301,7 @@ pub(super) fn impulse_response(records: &[Record<'_>], taps: usize) -> Result<Fi
     })
 }
 
-/// The answer of a method: what it cannot do with the data is one; what was typed wrong stops the
-/// work, and so does the wish to stop.
+/// The estimate of a method. Data that a method cannot use give an outcome; invalid options and cancellation are errors.
 pub(super) fn usable(
     answer: Result<DelayEstimate, DelayError>,
 ) -> Result<DelayEstimate, DelayError> {
@@ -315,7 +311,7 @@ pub(super) fn usable(
     })
 }
 
-/// A method that sees one input and one output at a time, and needs nothing else.
+/// A method for one input and one output at a time.
 pub(super) trait PairMethod: Send + Sync {
     /// Refuses options out of their ranges.
     fn check(&self) -> Result<(), DelayError> {
@@ -337,7 +333,7 @@ impl<M: PairMethod> DelayEstimator for M {
     }
 }
 
-/// Runs `method` on the records of the first pair, with the window doubled once where its answer is the longest delay searched.
+/// Runs `method` on the records of the first pair; doubles the window once where the estimate is the longest delay.
 pub(super) fn one_pair(
     experiment: &Experiment<'_>,
     search: &Search,
@@ -355,7 +351,7 @@ pub(super) fn one_pair(
     let mut estimate = within(search.max_delay)?;
     search.go_on()?;
     if estimate.outcome == Outcome::AtEdge
-        // A record too short for the wider window leaves the answer at the edge of the narrow one.
+        // A record too short for the wider window keeps the estimate at the edge of the narrow one.
         && let Ok(wider) = within(2 * search.max_delay)
     {
         estimate = wider;
@@ -364,8 +360,7 @@ pub(super) fn one_pair(
     Ok(estimate.finished(experiment.sample_time().to_seconds(skip as f64)))
 }
 
-/// Runs `method` on all inputs of the first output together, pair by pair, with the window doubled
-/// once where an answer is the longest delay searched.
+/// Runs `method` on all inputs of the first output together, pair by pair. The window doubles once where an estimate is the longest delay.
 pub(super) fn joint_inputs(
     experiment: &Experiment<'_>,
     search: &Search,
@@ -400,7 +395,7 @@ pub(super) fn joint_inputs(
     Ok(estimates.into_iter().map(|e| e.finished(moved_s)).collect())
 }
 
-/// The first of the answers of all inputs.
+/// The first of the estimates of all inputs.
 pub(super) fn first_of(all: Vec<DelayEstimate>) -> Result<DelayEstimate, DelayError> {
     all.into_iter().next().ok_or(DelayError::Count { what: "inputs", needed: 1, got: 0 })
 }

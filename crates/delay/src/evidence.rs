@@ -1,7 +1,7 @@
-//! What the methods look at: for one pair the impulse response, the loss of an ARX model over the delay with what follows from it, the correlation, and the phase of the
-//! cross-spectrum. They are pictures of a record at the methods' defaults, of all of it but for ARX models, which take its first 100 000 samples; no answer is made from them.
+//! Curves behind the methods for one pair: the impulse response, the ARX loss over the delay with its probability, the correlation, and the cross-spectrum's
+//! phase. The curves plot a record at the methods' defaults; no estimate uses them. ARX models use the first 100 000 samples, the other curves all of them.
 //!
-//! Lags here are those of the samples, hold and relative degree included: a dead time of 0 stands at the pair's sampling delay.
+//! Lags here are those of the samples, hold and relative degree included: a dead time of 0 appears at the pair's sampling delay.
 
 use nalgebra::Complex;
 
@@ -19,7 +19,7 @@ use deadtime_log::Log;
 use deadtime_signal::correlation;
 use deadtime_signal::stats::NORMAL_95;
 
-/// Squared coherence below which a phase is mostly chance and is not drawn.
+/// Squared coherence below which a phase is mostly random and is not drawn.
 const COHERENT: f64 = 0.1;
 
 /// The curves of one pair, each `None` where the record does not allow it.
@@ -27,7 +27,7 @@ const COHERENT: f64 = 0.1;
 pub struct Evidence {
     /// The impulse response; `None` where the input does not excite all coefficients.
     pub response: Option<Response>,
-    /// The limit that the method `threshold` asks of it, standard deviations.
+    /// The limit that the method `threshold` applies to it, standard deviations.
     pub limit_std: f64,
     /// The loss of ARX models over the delay.
     pub scan: Option<Scan>,
@@ -37,21 +37,21 @@ pub struct Evidence {
     pub phase: Option<Phase>,
 }
 
-/// ARX models over all delays, one number for each lag from 0 on.
+/// ARX models over all delays, one value per lag from 0 on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
-    /// The loss over the smallest one.
+    /// The loss relative to the smallest one.
     pub loss: Vec<f64>,
-    /// The probability of each lag, as the losses tell it (Schwarz 1978, Ann. Statist. 6(2), 461-464, doi:10.1214/aos/1176344136).
+    /// The probability of each lag from the losses (Schwarz 1978, Ann. Statist. 6(2), 461-464, doi:10.1214/aos/1176344136).
     pub probability: Vec<f64>,
 }
 
-/// The correlation of two signals, one number for each lag from 0 on.
+/// The correlation of two signals, one value per lag from 0 on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Correlated {
     /// The correlation coefficient.
     pub coefficient: Vec<f64>,
-    /// What signals that have nothing to do with each other, but move as these two, stay below in 95 % of all lags (Bartlett 1946, Suppl. J. R. Stat. Soc. 8(1), 27-41,
+    /// Unrelated signals with the same autocorrelations stay below this value at 95 % of all lags (Bartlett 1946, Suppl. J. R. Stat. Soc. 8(1), 27-41,
     /// doi:10.2307/2983611).
     pub chance: f64,
 }
@@ -61,7 +61,7 @@ pub struct Correlated {
 pub struct Phase {
     /// Frequencies, Hz.
     pub frequency_hz: Vec<f64>,
-    /// The phase, rad, unwrapped about the straight line, without the turn of a gain of negative sign.
+    /// The phase, rad, unwrapped about the straight line; the phase of a negative gain is removed.
     pub phase_rad: Vec<f64>,
     /// The delay of the straight line −2πf·delay, s.
     pub delay_s: f64,
@@ -141,7 +141,7 @@ fn correlated(records: &[Record], max_delay: usize) -> Option<Correlated> {
     let centred = Centred::new(records);
     let samples: usize = centred.records().map(|(u, _)| u.len()).sum();
     let last = isize::try_from(max_delay).ok()?;
-    // Products of lags beyond 25 % of a record average few samples, and are mostly noise.
+    // Products of lags beyond 25 % of a record average few samples and are mostly noise.
     let memory = isize::try_from(centred.records().map(|(u, _)| u.len()).min()? / 4).ok()?;
     let sum = |products: Products, last: isize| -> Option<Vec<f64>> {
         centred
@@ -160,7 +160,7 @@ fn correlated(records: &[Record], max_delay: usize) -> Option<Correlated> {
         sum(|u, y, last| correlation(u, y, 0..=last), last)?.iter().map(|v| v / scale).collect();
     let likeness: f64 =
         own_u.iter().zip(&own_y).skip(1).map(|(u, y)| u * y).sum::<f64>() / (power_u * power_y);
-    // Estimated products of long lags may sum up to less than white signals have.
+    // Estimated products of long lags can sum to less than those of white signals.
     let variance = (1.0 + 2.0 * likeness).max(1.0) / samples as f64;
     Some(Correlated { coefficient, chance: NORMAL_95 * variance.sqrt() })
 }
@@ -180,7 +180,7 @@ fn phase(records: &[Record], max_delay: usize, longest: usize, step_s: f64) -> O
         .filter(|(line, _)| line.times > 1.0 && line.coherence > COHERENT);
     let points: Vec<[f64; 2]> = coherent
         .map(|(line, s)| {
-            // Spectra are of y moved back by the whole lag: the residual phase after the fraction is small.
+            // The spectra are of y moved back by the whole lag: the residual phase after the fraction is small.
             let left = (s * seen.sign * Complex::from_polar(1.0, line.omega * fraction)).arg();
             [line.omega / (2.0 * std::f64::consts::PI * step_s), left - line.omega * delay]
         })
@@ -220,7 +220,7 @@ mod tests {
     fn every_curve_shows_an_injected_delay() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let (u, e) = (white(2000, &mut rng), white(2000, &mut rng));
-        // Seven samples late, and turned round.
+        // Seven samples late, with a negative gain.
         let y: Vec<f64> =
             (0..u.len()).map(|t| 0.1 * e[t] - if t < 7 { 0.0 } else { u[t - 7] }).collect();
         let found = evidence(&[log(u, y)], "u", "y", Detrend::Mean, 20).unwrap();

@@ -1,10 +1,10 @@
-//! Inputs that are too poor for a dead time, whatever the method: one steady sine, or a handful of samples.
+//! Inputs that excite too little for a dead time by any method: one steady sine, or a few samples.
 //!
-//! Equation: u(t) = c + a·cos ωt + b·sin ωt + r(t). A plant in its steady state answers with one gain and one phase −ωL − φ(ω), φ the lag of its poles: every L up to
-//! −phase/ω fits with some lag, and so does L + k·2π/ω.
+//! Equation: u(t) = c + a·cos ωt + b·sin ωt + r(t). A plant in its steady state responds with one gain and one phase −ωL − φ(ω), φ the lag of its poles. Every
+//! L up to −phase/ω fits with some lag, and so does L + k·2π/ω.
 //!
-//! How it can be wrong: a remainder r that is small but follows a plan of its own carries information, and so does a start from rest; both are asked for before anything is
-//! refused. A sine whose amplitude or frequency drifts is no single line and passes.
+//! How it can be wrong: a small remainder r that is independent of the line carries information, and so does a start from rest. Both are tested before a
+//! refusal. A sine whose amplitude or frequency drifts is no single line and passes.
 
 use std::f64::consts::TAU;
 
@@ -15,34 +15,34 @@ use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 use crate::posterior::{effective_samples, unseen};
 use deadtime_identify::Record;
 
-/// Samples below which nothing but the response to one step is estimated; a diagnosis needs as many.
+/// Samples below which only the response to one step is estimated; a diagnosis needs as many.
 pub(super) const SHORTEST: usize = 50;
 
 /// Share of the input's power off the line up to which only the line is used.
 const OFF_LINE: f64 = 0.05;
-/// The same at which the remainder is rounding.
+/// Share of power at which the remainder is rounding.
 const ROUNDING: f64 = 1e-18;
 /// Periods that a line must have in the longest record.
 const PERIODS: f64 = 2.0;
-/// Samples that a first period has at least, for its power to be compared.
+/// Minimum number of samples in a first period whose power is compared.
 const FIRST: usize = 10;
-/// The probability by which a steady answer passes for a start.
+/// The probability that a steady response passes for a start.
 const BY_CHANCE: f64 = 1e-3;
 /// Points of the spectrum for each sample.
 const PADDED: usize = 4;
-/// Halvings of the bracket of a frequency, by the golden ratio.
+/// Iterations of the golden-section search for the frequency.
 const STEPS: usize = 60;
 
-/// The one frequency that an input has.
+/// The single frequency of an input.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct OneFrequency {
     /// Its period, samples.
     pub(super) period: f64,
-    /// The delay of the output's phase, samples, from 0 to a period: no dead time of the family's first period is longer.
+    /// The delay of the output's phase, samples, from 0 to a period: an upper bound of the dead time within the first period.
     pub(super) phase_delay: f64,
 }
 
-/// A constant, a cosine and a sine of frequency `omega` in `x`, by least squares over the samples that are there, and what they leave.
+/// A constant, a cosine and a sine of frequency `omega`, fitted to the measured samples of `x` by least squares, and the residuals.
 fn fitted(x: &[f64], there: Option<&[bool]>, omega: f64) -> Option<(Vector3<f64>, Vec<f64>)> {
     let middle = 0.5 * x.len() as f64;
     let row = |t: usize| {
@@ -78,7 +78,7 @@ fn strongest(x: &[f64]) -> Option<f64> {
     let bin = TAU / points as f64;
     let (mut low, mut high) = (bin * (peak as f64 - 2.0).max(0.5), bin * (peak as f64 + 2.0));
     let cost = |omega| fitted(x, None, omega).map_or(f64::INFINITY, |(_, left)| power(&left));
-    // What of a bracket stays at each step.
+    // Share of a bracket that each step keeps.
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
     let inner = |low: f64, high: f64| [high - golden * (high - low), low + golden * (high - low)];
     let mut at = inner(low, high);
@@ -100,7 +100,8 @@ fn strongest(x: &[f64]) -> Option<f64> {
     Some(0.5 * (low + high))
 }
 
-/// The line of the input, where nothing else in the records carries information on the plant: power off the line is invisible in the output, and no record starts from rest.
+/// The line of the input, where no other part of the records carries information on the plant. Power off the line is then invisible in the output, and no
+/// record starts from rest.
 pub(super) fn one_frequency(records: &[Record<'_>], max_delay: usize) -> Option<OneFrequency> {
     let longest = records.iter().max_by_key(|r| r.len())?;
     let omega = strongest(&longest.u)?;
@@ -132,7 +133,7 @@ pub(super) fn one_frequency(records: &[Record<'_>], max_delay: usize) -> Option<
     Some(OneFrequency { period, phase_delay })
 }
 
-/// The first period leaves significantly more power off the line than the others do: a transient.
+/// The first period has significantly more power off the line than the others: a transient.
 fn starts(left: &Record<'_>, period: f64) -> bool {
     let first = (period.ceil() as usize).max(FIRST);
     if left.len() < 2 * first {
@@ -158,7 +159,7 @@ mod tests {
     use rand_chacha::rand_core::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// What a lag behind a delay makes of `u`, sample by sample, from rest.
+    /// The response of a lag behind a delay to `u`, sample by sample, from rest.
     fn answer(u: &[f64], pole: f64, delay: usize) -> Vec<f64> {
         let mut x = 0.0;
         (0..u.len())
@@ -186,7 +187,7 @@ mod tests {
             Self { rng, omega, pole, delay, noise }
         }
 
-        /// The samples behind the first `head`, the output under noise.
+        /// The samples behind the first `head`, with noise on the output.
         fn record(&mut self, u: &[f64], head: usize) -> Record<'static> {
             let y = answer(u, self.pole, self.delay);
             let mut noisy = |v: &f64| -> f64 {
@@ -208,7 +209,7 @@ mod tests {
         for seed in 0..60 {
             let mut drawn = Drawn::new(seed);
             let mut u = drawn.sine(900);
-            // Every third command was logged with noise that the plant never saw.
+            // Every third command was logged with noise that did not reach the plant.
             let exact = drawn.record(&u, 300);
             if seed % 3 == 0 {
                 for v in &mut u {

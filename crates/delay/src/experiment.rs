@@ -1,4 +1,4 @@
-//! What was measured, on an even grid, as the estimators take it.
+//! Measured data on an even grid: the input of the estimators.
 
 use std::borrow::Cow;
 
@@ -13,7 +13,7 @@ use deadtime_signal::time::SampleTime;
 /// A measured channel over one record, owned or borrowed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series<'a> {
-    /// Samples; whatever stands at a missing one is not looked at.
+    /// Samples; values of missing samples are ignored.
     pub values: Cow<'a, [f64]>,
     /// Which samples were measured; `None`: all.
     pub present: Option<Cow<'a, [bool]>>,
@@ -37,7 +37,7 @@ impl Series<'_> {
         }
     }
 
-    /// A weight of 0 does not silence a NaN: what was not measured is zero.
+    /// Sets missing samples to zero: a weight of 0 does not remove a NaN.
     fn silence(&mut self) {
         for t in 0..self.values.len() {
             if !self.has(t) && self.values[t] != 0.0 {
@@ -54,11 +54,11 @@ pub struct Recording<'a> {
     pub inputs: Vec<Cow<'a, [f64]>>,
     /// One series per output.
     pub outputs: Vec<Series<'a>>,
-    /// One series per state of the model; empty where they were not measured.
+    /// One series per state of the model; empty where the states were not measured.
     pub states: Vec<Cow<'a, [f64]>>,
 }
 
-/// The model that goes with an experiment.
+/// The plant model of an experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PlantModel {
     /// Continuous: fractional delays can be resolved exactly.
@@ -67,8 +67,8 @@ pub enum PlantModel {
     Sampled(StateSpace<Sampled>),
 }
 
-/// What was measured: one or several recordings on one even grid, names, and what is known of the plant. Whoever has one knows that its channels are of one length,
-/// finite, and move; the samples may be borrowed from whoever measured them.
+/// Measured data: one or several recordings on one even grid, channel names, and the plant model where known. An experiment guarantees channels of equal
+/// length, finite and not constant; its samples may be borrowed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Experiment<'a> {
     sample_time: SampleTime,
@@ -77,7 +77,7 @@ pub struct Experiment<'a> {
     recordings: Vec<Recording<'a>>,
     /// The plant, for methods that need A and B.
     model: Option<PlantModel>,
-    /// Event times at two places, one entry per recording, for methods that look at events and at nothing else; the sample time only scales their window.
+    /// Event times at two places, one entry per recording, for event methods. The sample time only scales their window.
     events: Vec<Events>,
 }
 
@@ -85,7 +85,8 @@ impl<'a> Experiment<'a> {
     /// Recordings of these inputs and outputs.
     ///
     /// # Errors
-    /// [`DelayError::Count`] for channels that lack or differ in length, [`DelayError::NotFinite`], and [`DelayError::Constant`] for an input or output that never moves.
+    /// [`DelayError::Count`] for missing channels or unequal lengths, [`DelayError::NotFinite`], and [`DelayError::Constant`] for a constant input or
+    /// output.
     pub fn new(
         sample_time: SampleTime,
         inputs: Vec<String>,
@@ -95,7 +96,7 @@ impl<'a> Experiment<'a> {
         Self { sample_time, inputs, outputs, recordings, model: None, events: Vec::new() }.checked()
     }
 
-    /// One input `u`, one output `y`, one recording; vectors are taken, slices borrowed.
+    /// One input `u`, one output `y`, one recording; vectors are moved, slices borrowed.
     ///
     /// # Errors
     /// As [`Experiment::new`].
@@ -112,7 +113,7 @@ impl<'a> Experiment<'a> {
         Self::new(sample_time, vec!["u".into()], vec!["y".into()], vec![recording])
     }
 
-    /// Times of the same events at two places, whose names are given; delays are searched up to `max_delay` sample times.
+    /// Times of the same events at two named places; delays are searched up to `max_delay` sample times.
     ///
     /// # Errors
     /// [`DelayError::Count`] without a sequence, [`DelayError::NotFinite`] and [`DelayError::EventOrder`].
@@ -129,19 +130,19 @@ impl<'a> Experiment<'a> {
         Ok(Self { sample_time, inputs, outputs, recordings: Vec::new(), model: None, events })
     }
 
-    /// This experiment with the plant's model; its recordings hold the states, where they were measured.
+    /// This experiment with the plant model; its recordings hold the states where measured.
     #[must_use]
     pub fn with_model(self, model: PlantModel) -> Self {
         Self { model: Some(model), ..self }
     }
 
-    /// The same on another grid, of which the window of events is counted.
+    /// The same on another grid, in whose steps the window of events is counted.
     #[must_use]
     pub fn with_sample_time(self, sample_time: SampleTime) -> Self {
         Self { sample_time, ..self }
     }
 
-    /// Lengths and numbers fit, and inputs and outputs move; what was not measured is zero.
+    /// Checks lengths, finite values, and that inputs and outputs are not constant; sets missing samples to zero.
     fn checked(mut self) -> Result<Self, DelayError> {
         if self.recordings.is_empty() {
             return Err(DelayError::Count { what: "recordings", needed: 1, got: 0 });
@@ -185,7 +186,7 @@ impl<'a> Experiment<'a> {
             };
             moves("output", channel, samples)?;
         }
-        // A state may rest, but it must be a number; states have no names here but those of the model.
+        // A state may be constant, but must be finite; its only name is that of the model.
         for state in self.recordings.iter().flat_map(|r| r.states.iter().enumerate()) {
             if let (number, Some(sample)) =
                 (state.0 + 1, state.1.iter().position(|v| !v.is_finite()))
@@ -208,7 +209,7 @@ impl<'a> Experiment<'a> {
         self.sample_time
     }
 
-    /// Input names; the first is the one whose delay is asked for.
+    /// Input names; the first is the input whose delay is estimated.
     #[must_use]
     pub fn inputs(&self) -> &[String] {
         &self.inputs
@@ -226,7 +227,7 @@ impl<'a> Experiment<'a> {
         &self.recordings
     }
 
-    /// The plant, where it is known.
+    /// The plant model, where known.
     #[must_use]
     pub fn model(&self) -> Option<&PlantModel> {
         self.model.as_ref()
@@ -310,7 +311,7 @@ impl<'a> Experiment<'a> {
         self.with_recordings(recordings.collect())
     }
 
-    /// The same channels measured otherwise, for what keeps numbers finite and lengths alike.
+    /// The same experiment with other recordings; the caller keeps the values finite and the lengths equal.
     pub(super) fn with_recordings<'b>(&self, recordings: Vec<Recording<'b>>) -> Experiment<'b> {
         let Self { sample_time, inputs, outputs, model, events, .. } = self.clone();
         Experiment { sample_time, inputs, outputs, recordings, model, events }
@@ -341,10 +342,10 @@ fn moves<I: Iterator<Item = (f64, bool)>>(
     Ok(())
 }
 
-/// Samples without any motion of the inputs that make the start of a recording a rest.
+/// Samples without input motion at the start of a recording that count as rest.
 const REST: usize = 10;
 
-/// What is taken off each channel before estimating.
+/// The trend subtracted from each channel before estimating.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
@@ -354,12 +355,12 @@ pub enum Detrend {
     /// The mean.
     #[default]
     Mean,
-    /// The straight line through it.
+    /// The straight line of least squares.
     Line,
 }
 
 impl Detrend {
-    /// Takes the trend off the samples that are there.
+    /// Subtracts the trend from the measured samples.
     fn apply(self, series: &mut Series<'_>) {
         let points: Vec<(f64, f64)> = series
             .values
@@ -368,7 +369,7 @@ impl Detrend {
             .filter(|(t, _)| series.has(*t))
             .map(|(t, v)| (t as f64, *v))
             .collect();
-        // A constant leaves nothing, not the rounding of its mean.
+        // A constant has the residual zero, without the rounding of its mean.
         if let Some(&(_, level)) = points.first()
             && points.iter().all(|p| p.1 == level)
         {
@@ -398,7 +399,7 @@ impl Detrend {
 }
 
 impl<'a> Experiment<'a> {
-    /// Without the trend of every input and output. States and model are left out: a model's equations hold for the channels and not for their residuals.
+    /// Without the trend of every input and output. States and model are dropped: a model's equations hold for the channels and not for their residuals.
     ///
     /// # Errors
     /// [`DelayError::Constant`] for a channel whose residual is zero.
@@ -422,8 +423,8 @@ impl<'a> Experiment<'a> {
     /// Channels of logs, borrowed; every log must be on an even grid, all on the same one.
     ///
     /// # Errors
-    /// [`deadtime_log::LogError`] for an unknown channel, a missing input sample or an uneven grid; [`deadtime_signal::time::TimeError::Mismatch`] for logs of different sample times;
-    /// as [`Experiment::new`].
+    /// [`deadtime_log::LogError`] for an unknown channel, a missing input sample or an uneven grid; [`deadtime_signal::time::TimeError::Mismatch`] for
+    /// logs of different sample times; as [`Experiment::new`].
     pub fn from_logs(
         logs: &'a [Log],
         inputs: &[String],
@@ -433,14 +434,14 @@ impl<'a> Experiment<'a> {
         Ok(Self::new(sample_time, inputs.to_vec(), outputs.to_vec(), recordings)?)
     }
 
-    /// Every recording begins with ten samples at least without any motion of the inputs.
+    /// Every recording begins with at least ten samples without input motion.
     pub(super) fn begins_at_rest(&self) -> bool {
         let still = |u: &Cow<'_, [f64]>| u.len() >= REST && u.iter().take(REST).all(|v| *v == u[0]);
         self.recordings.iter().all(|r| r.inputs.iter().all(still))
     }
 
-    /// The same experiment measured from where it rested, if every recording begins at rest (all inputs still for at least ten samples): inputs from their first
-    /// value, outputs from their mean up to the first motion. `None` where one does not.
+    /// The same experiment measured from its rest: inputs from their first value, outputs from their mean up to the first input motion. `None` unless every
+    /// recording begins at rest (all inputs constant for at least ten samples).
     #[must_use]
     pub fn from_rest(&self) -> Option<Self> {
         let mut levelled = self.clone();
@@ -466,7 +467,7 @@ impl<'a> Experiment<'a> {
     }
 }
 
-/// The channels of logs as they were logged, unchecked, and their sample time.
+/// The channels as logged, unchecked, and their sample time.
 pub(super) fn recordings<'a>(
     logs: &'a [Log],
     inputs: &[String],

@@ -1,4 +1,4 @@
-//! Feedback that a record shows of itself, and the part of its input that the output did not cause.
+//! Feedback in a record, and the part of its input that the output did not cause.
 
 use std::borrow::Cow;
 
@@ -10,55 +10,57 @@ use super::method::Condition;
 use crate::posterior::ARX_ORDERS;
 use deadtime_identify::{Record, Regression};
 
-/// Coefficients of the response that noise colour and feedback are judged beyond; as many as the threshold methods estimate.
+/// Coefficients of the response in the tests of noise colour and feedback, as in the threshold methods.
 const LAGS: usize = 71;
-/// Input samples after the output's that open-loop data have no use for.
+/// Input samples after the output's; open-loop data give them no explanatory power.
 const FUTURE: usize = 5;
-/// Share of the innovations' variance that later inputs explain in a record with feedback: a plant that is not quite linear reaches a few hundredths with smooth inputs.
+/// Share of the innovations' variance that later inputs explain in a record with feedback. A mildly nonlinear plant reaches a few hundredths with smooth
+/// inputs.
 const FEEDS_BACK: f64 = 0.03;
-/// Share of what a causal free response leaves that later inputs explain, where the innovations show them too: what an open-loop model takes for response.
+/// Share of a causal free response's residual that later inputs explain, if the innovations show them too. An open-loop model takes this share for response.
 const ACAUSAL: f64 = 0.1;
-/// The same for an input that is held for several samples, whose changes are seldom news.
+/// The same for an input that is held for several samples, whose changes are rarely innovations.
 const ACAUSAL_HELD: f64 = 0.03;
 /// Share of the output's innovations that a direct path must explain.
 const DIRECT: f64 = 0.005;
-/// Share of the output's innovations that goes with those of the input of the same sample.
+/// Share of the output's innovations that is correlated with the input's innovations of the same sample.
 const SAME_SAMPLE: f64 = 0.015;
-/// Standard deviations by which what follows must stand out, summed over so many lags, for its sign to say anything.
+/// Standard deviations by which the response, summed over [`SUMS`] lags, must differ from zero for its sign to be known.
 const FOLLOWS: f64 = 3.5;
 /// Lags over which the response is summed.
 const SUMS: [usize; 6] = [1, 2, 4, 8, 16, 32];
-/// The probability of later inputs by chance where both channels go together within the sample.
+/// The probability of later inputs by chance, required where both channels are correlated within the sample.
 const ALSO: f64 = 1e-3;
-/// The probability that as much is explained by chance.
+/// The probability of such a share by chance.
 const BY_CHANCE: f64 = 1e-4;
-/// The same where the share of the innovations is small: in a long record a bend of the plant is significant too.
+/// The same for a small share of the innovations: in a long record a nonlinearity of the plant is significant too.
 const HARDLY: f64 = 1e-7;
-/// Past inputs and past outputs, the present one among the latter, that hold any PID controller with a filter and a sample of lateness.
+/// Past inputs and past outputs (the present output included) that represent any PID controller with a filter and one sample of delay.
 const CONTROLLER: (usize, usize) = (4, 7);
-/// Share of the input's increments that a function of the output leaves unexplained, for nothing else to move the input.
+/// Share of the input's increments that a function of the output leaves unexplained; below it nothing else moves the input.
 const TIED: f64 = 1e-9;
-/// Share that the input's own past must leave, for its being explained to say anything: what is smooth enough is a function of its own past.
+/// Share of the input that its own past must leave unexplained for an informative test: a smooth input is a function of its own past.
 const NEWS: f64 = 1e-3;
-/// Share of the samples at which the output moves and the input does not, from which the input is no linear function of the output. One of four levels at random repeats as often.
+/// Share of samples at which the output moves and the input rests, from which the input is no linear function of the output. A random choice of four levels
+/// rests as often.
 const RESTS: f64 = 0.25;
-/// Past samples of both channels from which the input is predicted before what is new in it is taken.
+/// Past samples of both channels that predict the input; the remainder is the innovation.
 const MEMORY: usize = 20;
-/// Share of the input's variance that what is new in it must explain for the joint method.
+/// Share of the input's variance that its innovations must explain for the joint method.
 const OWN_SHARE: f64 = 0.02;
 
-/// What a record shows of a loop around it.
+/// Evidence of a loop in a record.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct InLoop {
-    /// Share of the output's innovations that later inputs explain, where they do.
+    /// Share of the output's innovations that later inputs explain, if significant.
     pub later: Option<f64>,
-    /// Correlation of the innovations of both channels within a sample, where the plant cannot be the cause.
+    /// Correlation of both channels' innovations within a sample, where the plant cannot be the cause.
     pub same_sample: Option<f64>,
     /// The input is a function of the output and nothing else moves it: plant and dead time are unidentifiable.
     pub tied: bool,
-    /// The output moves before the input, and no controller is the cause: it was smoothed both ways, or its clock is ahead.
+    /// The output leads the input, and no controller is the cause: a filter smoothed it in both directions, or its clock is ahead.
     pub ahead: bool,
-    /// The output reacts to the input within the sample, and nothing shows that the input reacts to the output.
+    /// The output reacts to the input within the sample, without evidence that the input reacts to the output.
     pub direct: bool,
 }
 
@@ -92,28 +94,28 @@ impl InLoop {
     }
 }
 
-/// Looks for a loop in the records of a pair whose plant needs `bias` samples to respond.
+/// Tests for a loop in the records of a pair whose plant needs `bias` samples to respond.
 ///
-/// * Later inputs explain innovations of the output by a share that matters, there or in the residual of the free response; and earlier outputs predict the input beyond
-///   its own past (Granger, 1969). The former is the causality test with the input's future (Sims, 1972, Am. Econ. Rev. 62(4), 540-552), which stays valid for inputs that
-///   are no random process. A plant that is not linear fails the first test alone, an input with a long memory the second alone.
-/// * Where the plant cannot react within the sample (`bias` of 1 or more), the innovations of both channels are correlated within it, with the sign opposite to the
-///   response's: the controller reacts. With the response's sign and no later input that explains anything it is a direct path. It is a direct path, whatever its sign, where
-///   the input is autonomous: it rests while the output moves, and earlier outputs do not predict it, or nothing predicts it and the
-///   output has a memory.
-/// * Where the response begins smoothly before its command (`ahead`), the output moves before it, and nothing is said of a loop.
-/// * A low-order function of the output explains every increment of the input but for rounding, and the input's own past does not: nothing else moves the input.
+/// * Later inputs explain a significant share of the output's innovations, or of the free response's residual. Earlier outputs also predict the input beyond
+///   its own past (Granger, 1969). The test with later inputs is the causality test with the input's future (Sims, 1972, Am. Econ. Rev. 62(4), 540-552); it
+///   also holds for inputs that are no random process. A nonlinear plant fails the first test alone, an input with a long memory the second alone.
+/// * The plant cannot react within the sample (`bias` of 1 or more), but the innovations of both channels are correlated within it. The sign opposite to the
+///   response's indicates a controller. The response's sign without explanatory power of later inputs indicates a direct path. With an autonomous input, a
+///   direct path is reported for either sign. Such an input rests while the output moves, and earlier outputs do not predict it. An unpredictable input is
+///   autonomous, too, if the output has a memory.
+/// * Where the response begins smoothly before its command (`ahead`), the output leads, and the loop remains undecided.
+/// * A low-order function of the output explains every increment of the input up to rounding; the input's own past does not. Nothing else then moves the input.
 ///
-/// How it can be wrong: a plant that is far from linear passes for a loop where its input is smooth. A loop whose noise moves the input by a few hundredths of its
-/// variance passes for open; its bias is then small. A controller with more memory than a PID is not recognised as the only source of the input. A record that is too
-/// short shows nothing.
+/// How it can be wrong: a strongly nonlinear plant passes for a loop where its input is smooth. A loop whose noise moves the input by a few hundredths of its
+/// variance passes for open; its bias is then small. A controller with more memory than a PID is not recognised as the only source of the input. Too short a
+/// record reveals nothing.
 #[must_use]
 pub fn in_loop(records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop {
     let [na, _] = ARX_ORDERS;
     let lags = lags(records, max_delay).max(na + 2);
     let (later, chance) = later(records, na, lags).unwrap_or((None, 1.0));
     let ahead = ahead(records, na, lags);
-    // What bends the response passes for a loop in one direction of the test only.
+    // A nonlinearity of the response passes for a loop in only one direction of the test.
     let asked = later.is_some() || chance < ALSO || ahead;
     let reacts = if asked { reacts(records, na, lags) } else { 1.0 };
     if ahead && reacts < BY_CHANCE && !tied(records, bias) {
@@ -133,10 +135,12 @@ pub fn in_loop(records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop 
     seen
 }
 
-/// Share of the output's power that its own past must predict where nothing predicts the input: a controller within the sample would make the input as predictable.
+/// Share of the output's power that its own past must predict where nothing predicts the input. A controller within the sample would make the input equally
+/// predictable.
 const PREDICTABLE: f64 = 0.1;
 
-/// Neither its own past nor earlier outputs predict the input, while its past predicts the output: what has no memory is no function of what has.
+/// Neither its own past nor earlier outputs predict the input, while the output's past predicts the output. A signal without memory is no function of one with
+/// memory.
 fn unpredictable(records: &[Record<'_>], na: usize) -> bool {
     let long = || records.iter().filter(|r| r.len() > 4 * na);
     let turned: Vec<Record<'_>> =
@@ -153,7 +157,8 @@ fn unpredictable(records: &[Record<'_>], na: usize) -> bool {
     })
 }
 
-/// The input is no function of the output, linear or not: it rests while the output moves, and earlier outputs do not predict it beyond its own past, or nothing predicts it.
+/// The input is no function of the output, linear or not. The input rests while the output moves, and earlier outputs do not predict it beyond its own past; or
+/// nothing predicts it.
 fn autonomous(records: &[Record<'_>], na: usize) -> bool {
     if records.iter().any(|r| r.present.is_some()) || held_for(records) > 1 {
         return false;
@@ -164,7 +169,7 @@ fn autonomous(records: &[Record<'_>], na: usize) -> bool {
     if !rests(records) {
         return false;
     }
-    // The output takes the input's place, a sample earlier.
+    // Input and output are swapped, the output one sample earlier.
     let turned: Vec<Record<'_>> = (records.iter().filter(|r| r.len() > 4 * na))
         .map(|r| Record::new(&r.y[..r.len() - 1], &r.u[1..r.len()]))
         .collect();
@@ -175,7 +180,7 @@ fn autonomous(records: &[Record<'_>], na: usize) -> bool {
     })
 }
 
-/// The input often rests while the output moves: it is of levels, as a command is, and no sensor's signal.
+/// The input often rests while the output moves. Commands of levels do so; a sensor's signal does not.
 pub(super) fn rests(records: &[Record<'_>]) -> bool {
     let (mut rests, mut moves) = (0, 0);
     for record in records {
@@ -187,11 +192,12 @@ pub(super) fn rests(records: &[Record<'_>]) -> bool {
     rests as f64 >= RESTS * moves as f64
 }
 
-/// The probability that earlier outputs predict the input by chance as well as they do beyond its own past: small where the input reacts to them, whatever the plant.
+/// The probability that earlier outputs predict the input, beyond its own past, by chance alone. The probability is small where the input reacts to earlier
+/// outputs, for any plant.
 ///
 /// Source: Granger (1969), Econometrica 37(3), 424-438, doi:10.2307/1912791.
 fn reacts(records: &[Record<'_>], na: usize, lags: usize) -> f64 {
-    // The output takes the input's place, a sample earlier.
+    // Input and output are swapped, the output one sample earlier.
     let turned: Vec<Record<'_>> = (records.iter().filter(|r| r.len() > 2 * lags))
         .flat_map(|r| r.stretches(2 * lags))
         .map(|r| Record::new(r.y[..r.len() - 1].to_vec(), r.u[1..].to_vec()))
@@ -203,17 +209,17 @@ fn reacts(records: &[Record<'_>], na: usize, lags: usize) -> f64 {
     })
 }
 
-/// Lags that a record of this length can carry.
+/// Lags that a record of this length supports.
 pub(super) fn lags(records: &[Record<'_>], max_delay: usize) -> usize {
     let samples: usize = records.iter().map(Record::len).sum();
     LAGS.max(max_delay + 1).min(samples / 6)
 }
 
-/// What a residual of exact arithmetic may leave by rounding, as a part of what it is the residual of: a command of a few steps is known exactly from its past, and the
-/// ratio of two roundings says nothing. The factorisation's own error is some 1e-15 of the amplitude for each of a hundred columns.
+/// Rounding of an exactly zero residual, as a share of the signal's power. A command of a few steps is known exactly from its past; the ratio of two roundings
+/// is meaningless. The factorisation error is about 1e-15 of the amplitude for each of 100 columns.
 const ROUNDING: f64 = 1e-26;
 
-/// Σ e² and rows of a regression over all its columns; nothing below rounding.
+/// Σ e², bounded from below by rounding, and the rows of a regression over all its columns.
 pub(super) fn residual(regression: Regression, records: &[Record<'_>]) -> Option<(f64, usize)> {
     let triangle = regression.factor(records);
     let last = regression.columns();
@@ -222,17 +228,17 @@ pub(super) fn residual(regression: Regression, records: &[Record<'_>]) -> Option
         .then(|| (triangle.r[(last, last)].powi(2).max(ROUNDING * whole), triangle.rows))
 }
 
-/// The share of the residual that goes with `more` columns, and the probability that chance explains as much.
+/// The share of the residual that `more` columns explain, and the probability of that share by chance.
 pub(super) fn explained(without: f64, with: f64, more: usize, freedom: usize) -> (f64, f64) {
     let left = (with / without.max(f64::MIN_POSITIVE)).min(1.0);
-    // The tail of Fisher's F as an incomplete beta function of the residual's share, which is defined for a residual of zero, too.
+    // The tail of Fisher's F as an incomplete beta function of the residual's share; it is defined for a zero residual, too.
     (1.0 - left, checked_beta_reg(0.5 * freedom as f64, 0.5 * more as f64, left).unwrap_or(1.0))
 }
 
-/// The share of the output's innovations that later inputs explain, if that says anything, and the probability that chance explains as much.
+/// The share of the output's innovations that later inputs explain, if significant, and its probability by chance.
 fn later(records: &[Record<'_>], na: usize, lags: usize) -> Option<(Option<f64>, f64)> {
     let long: Vec<&Record<'_>> = records.iter().filter(|r| r.len() > 2 * FUTURE + lags).collect();
-    // The same rows: with the input advanced by FUTURE samples the first of its lags lie after the output.
+    // The same rows: with the input advanced by FUTURE samples, its first lags lie after the output.
     let with: Vec<Record<'_>> = long.iter().map(|r| r.part(FUTURE, 0, r.len() - FUTURE)).collect();
     let without: Vec<Record<'_>> =
         long.iter().map(|r| r.part(FUTURE, FUTURE, r.len() - 2 * FUTURE)).collect();
@@ -247,16 +253,16 @@ fn later(records: &[Record<'_>], na: usize, lags: usize) -> Option<(Option<f64>,
     Some(((chance < BY_CHANCE && (share > FEEDS_BACK || small())).then_some(share), chance))
 }
 
-/// That the innovations of both channels go together within the sample.
+/// Correlation of both channels' innovations within the sample.
 struct SameSample {
     correlation: f64,
-    /// The response at lag 0 goes against what follows.
+    /// The response at lag 0 has the opposite sign to later lags.
     against: bool,
-    /// It goes with it.
+    /// It has the same sign.
     along: bool,
 }
 
-/// Whether the innovations of both channels go together within the sample by more than chance.
+/// Tests whether both channels' innovations are correlated within the sample beyond chance.
 fn same_sample(records: &[Record<'_>], na: usize, lags: usize) -> Option<SameSample> {
     let with = Regression { na, lags };
     let triangle = with.factor(records);
@@ -271,7 +277,7 @@ fn same_sample(records: &[Record<'_>], na: usize, lags: usize) -> Option<SameSam
     let solution = triangle.solve()?;
     let coefficients: Vec<f64> = solution.coefficients.iter().copied().collect();
     let (past, input) = coefficients.split_at(na);
-    // The response to the input, and that of noise to its innovations, whose squares widen what is known of a coefficient.
+    // The responses to the input and to the noise's innovations; the squares of the latter widen a coefficient's variance.
     let (mut response, mut noise): (Vec<f64>, Vec<f64>) =
         (Vec::with_capacity(lags), Vec::with_capacity(lags));
     for (k, b) in input.iter().enumerate() {
@@ -306,17 +312,17 @@ fn same_sample(records: &[Record<'_>], na: usize, lags: usize) -> Option<SameSam
     })
 }
 
-/// Nothing but the output moves the input.
+/// Only the output moves the input.
 fn tied(records: &[Record<'_>], bias: usize) -> bool {
     let (own, outputs) = CONTROLLER;
     let increments = |x: &[f64]| -> Vec<f64> { x.windows(2).map(|w| w[1] - w[0]).collect() };
-    // The output takes the input's place. A constant set point falls out of increments.
+    // Input and output are swapped. Increments cancel a constant set point.
     let turned: Vec<Record<'static>> = (records.iter())
         .flat_map(|r| r.stretches(4 * (own + outputs)))
         .map(|r| {
             let (u, mut y) = (increments(&r.u), increments(&r.y));
             if bias == 0 {
-                // What reacts within the sample may be the plant.
+                // A reaction within the sample may be the plant's.
                 y.rotate_right(1);
                 return Record::new(y[1..].to_vec(), u[1..].to_vec());
             }
@@ -331,14 +337,16 @@ fn tied(records: &[Record<'_>], bias: usize) -> bool {
     })
 }
 
-/// The records with the open-loop part of the input in its place; `None` where there is too little of it or samples are missing.
+/// The records with the open-loop part of the input in its place; `None` where that part is too small or samples are missing.
 ///
-/// The innovation of the input given the past of both channels is independent of all that disturbs the output. Where the plant cannot react within the sample, the
-/// output of the same sample is given, too. The input's response to its innovation is the input without disturbances: from it to the output the plant is as in open loop.
+/// The innovation of the input given the past of both channels is independent of all output disturbances. Where the plant cannot react within the sample, the
+/// regression includes the output of the same sample. The input's response to its innovation is the input without disturbances. From it to the output the plant
+/// acts as in open loop.
 ///
-/// Source: Van den Hof and Schrama (1993), Automatica 29(6), 1523-1527, doi:10.1016/0005-1098(93)90015-L, with the innovation of the joint process instead of a measured
-/// reference; Caines and Chan (1975), IEEE Trans. Autom. Control 20(4), 498-508, doi:10.1109/TAC.1975.1101008, for that innovation.
-/// Fails when: the reference is a function of its own past (nothing is new), the controller depends on more than 20 past samples and its own output, or does not react linearly.
+/// Source: Van den Hof and Schrama (1993), Automatica 29(6), 1523-1527, doi:10.1016/0005-1098(93)90015-L, with the joint process's innovation instead of a
+/// measured reference. For that innovation Caines and Chan (1975), IEEE Trans. Autom. Control 20(4), 498-508, doi:10.1109/TAC.1975.1101008.
+/// Fails when: the reference is a function of its own past (no innovation). A nonlinear controller fails, too, as does one with more memory than 20 samples and
+/// its own output.
 #[must_use]
 pub fn open_part(
     records: &[Record<'_>],
@@ -351,7 +359,7 @@ pub fn open_part(
     let lags = lags(records, max_delay);
     let samples: usize = records.iter().map(Record::len).sum();
     let memory = MEMORY.min(samples / 20).max(1);
-    // The output takes the input's place; its present sample explains the input only where the plant cannot be the cause.
+    // Input and output are swapped; the present output explains the input only where the plant cannot be the cause.
     let skip = usize::from(bias == 0);
     let turned: Vec<Record<'_>> = (records.iter().filter(|r| r.len() > memory + lags + 1))
         .map(|r| Record {
@@ -389,7 +397,8 @@ pub fn open_part(
     (part > OWN_SHARE * whole && part.is_finite()).then_some(open)
 }
 
-/// How many samples the input is held for throughout, where it is and the output moves meanwhile: it was logged, or given, more seldom than the output.
+/// The number of samples for which the input is held throughout while the output moves; 1 otherwise. Such an input was logged, or given, less often than the
+/// output.
 #[must_use]
 pub fn held_for(records: &[Record<'_>]) -> usize {
     let mut waits: Vec<usize> = Vec::new();
@@ -406,22 +415,23 @@ pub fn held_for(records: &[Record<'_>]) -> usize {
     }
     waits.sort_unstable();
     let (low, high) = (waits[waits.len() / 20], waits[waits.len() - 1 - waits.len() / 20]);
-    // A binary signal waits for any multiple of its clock; a clock of its own falls between samples.
+    // A binary signal holds for any multiple of its clock period; an asynchronous clock changes between samples.
     if low >= 2 && high < 2 * low { waits[waits.len() / 2] } else { 1 }
 }
 
-/// Changes of an input from which its waits say something.
+/// Changes of an input from which its hold times are informative.
 const MANY: usize = 50;
 
-/// How much less later inputs must leave of the output than present and past ones, for the output to lead.
+/// Factor between the residuals with present and past inputs and with later inputs, from which the output leads.
 const LEADS: f64 = 1.25;
-/// What later inputs may leave of it then.
+/// Largest residual with later inputs, as a share of the output's power, for a lead.
 const LEFT: f64 = 0.7;
 
-/// By how many samples the output leads the input, where what the input does later explains the output better than what it did before.
+/// The number of samples by which the output leads the input, where later inputs explain the output better than earlier inputs.
 ///
-/// Free responses over the search window to either side; the lag is that of the largest cross-correlation. A loop whose noise moves the input more than its reference
-/// looks alike, but there past inputs help to predict the output, unless the input is a response that was smoothed both ways (`ahead`); where the channels may be two copies (`bias` of 0) that says nothing, as an echo does the same.
+/// Free responses cover the search window on either side; the lag is that of the largest cross-correlation. A loop whose noise moves the input more than its
+/// reference is an alias. There past inputs help to predict the output, which excludes a lead unless the input is a two-sided smoothed response (`ahead`). With
+/// a `bias` of 0 the channels may be two copies; an echo then passes the prediction test, which is omitted.
 #[must_use]
 pub fn lead(records: &[Record<'_>], max_delay: usize, bias: usize) -> Option<usize> {
     let samples: usize = records.iter().map(Record::len).sum();
@@ -486,11 +496,11 @@ mod tests {
         StandardNormal.sample(rng)
     }
 
-    /// Steps of ±1 that last any number of samples, through direct·u + lagged·(a lag of u), under noise.
+    /// Steps of ±1 of random duration through direct·u + lagged·(a lag of u), with noise.
     fn open(seed: u64) -> Record<'static> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let (pole, direct) = (rng.random_range(0.1..0.95), rng.random_range(0.3..1.0));
-        // A part that goes against the direct path washes it out.
+        // A lagged part of the opposite sign cancels the direct path.
         let lagged = rng.random_range(-1.0..1.0);
         let noise = [0.0, 0.001, 0.02][rng.random_range(0..3_usize)];
         let change = rng.random_range(0.1..0.5);
@@ -507,7 +517,7 @@ mod tests {
         Record::new(centred(u), centred(y))
     }
 
-    /// A random input without memory through a direct path and a lag, under noise.
+    /// A white input through a direct path and a lag, with noise.
     fn open_white(seed: u64) -> Record<'static> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let (pole, direct) = (rng.random_range(0.4..0.95), rng.random_range(0.2..0.6));
@@ -516,7 +526,7 @@ mod tests {
         let (mut u, mut y, mut x) = (Vec::new(), Vec::new(), 0.0);
         for _ in 0..1500 {
             let level = gauss(&mut rng);
-            // Of opposite signs both parts may make an output that is as white as the input.
+            // Parts of opposite signs can make the output as white as the input.
             y.push(sign * (direct * level + x) + noise * gauss(&mut rng));
             u.push(level);
             x = pole * x + (1.0 - pole) * 3.0 * level;
@@ -534,7 +544,7 @@ mod tests {
         assert!(right >= 57, "{right} of 60");
     }
 
-    /// A relay that switches the input by the noisy output of a lag within the sample.
+    /// A relay switches the input within the sample, by the noisy output of a lag.
     fn relay(seed: u64) -> Record<'static> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let (pole, noise) = (rng.random_range(0.8..0.98), rng.random_range(0.02..0.2));

@@ -1,4 +1,4 @@
-//! Every method that makes a model of records: states by subspace methods, transfer functions, process models.
+//! All identification methods: subspace methods, transfer functions, process models.
 
 use crate::process::identified::ProcessFit;
 use deadtime_identify::subspace::{IdentifierLine, MOESP, N4SID, PBSIDOPT};
@@ -62,13 +62,13 @@ pub const IDENTIFIERS: &[IdentifierLine] = &[
     process!("p1di", "integrating process model K/(s(1 + T1·s))·e^(−τ·s)", 1, false, true),
 ];
 
-/// Other tools' names of methods.
+/// Names of the methods in other tools.
 const ALIASES: [(&str, &str); 1] = [("tfest", "srivc")];
 
-/// The line called `name`, here or in other tools.
+/// The line called `name`, in this program or in other tools.
 ///
 /// # Errors
-/// [`RegistryError::Unknown`], with the names there are.
+/// [`RegistryError::Unknown`], with the known names.
 pub fn identifier(name: &str) -> Result<&'static IdentifierLine, RegistryError> {
     let own = ALIASES.iter().find(|(other, _)| *other == name).map_or(name, |(_, own)| *own);
     IDENTIFIERS.iter().find(|line| line.entry.name == own).ok_or_else(|| RegistryError::Unknown {

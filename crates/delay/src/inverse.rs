@@ -1,9 +1,10 @@
-//! Inverse response: a plant whose step response starts against its end.
+//! Inverse response: a plant whose step response starts opposite to its final value.
 //!
-//! Equation: s(k) = Σⱼ≤ₖ hⱼ, h the regularised impulse response; the start is inverse where s first stands out on one side for some samples, then on the other by more.
+//! Equation: s(k) = Σⱼ≤ₖ hⱼ, h the regularised impulse response. The start is inverse where s is first significant on one side for some samples, then larger on
+//! the other.
 //!
-//! How it can be wrong: noise that is not white widens no band of h, so that twice the distance is asked for under it; a response that is over only after the coefficients
-//! may have its end beyond them and is not seen.
+//! How it can be wrong: coloured noise does not widen the band of h, so the limit is doubled under it. A response longer than the coefficients may hide its
+//! final value and is not detected.
 
 use crate::finding::Finding;
 use crate::method::Condition;
@@ -12,29 +13,29 @@ use deadtime_identify::Record;
 
 /// Coefficients of the response.
 const TAPS: usize = 71;
-/// Rows for each coefficient beyond one.
+/// Rows for each coefficient beyond the first.
 const ROWS: usize = 20;
-/// Standard deviations from which a side of the step response stands out, over all its samples.
+/// Standard deviations from which one side of the step response is significant, over all its samples.
 const STANDS_OUT: f64 = 4.5;
-/// The same under noise that is not white.
+/// The same under coloured noise.
 const STANDS_OUT_IN_COLOUR: f64 = 9.0;
-/// Samples that a side lasts: a copy delayed by a fraction of a sample rings for one at a time, on either side of its beginning.
+/// Minimum samples of a side. A copy delayed by a fraction of a sample rings for one at a time, on either side of its beginning.
 const LASTS: usize = 2;
-/// Share of the largest step response that the wrong way must reach.
+/// Share of the largest step response that the inverse part must reach.
 const LEAST_SHARE: f64 = 0.02;
 
-/// Neighbouring samples of the step response that stand out on one side.
+/// Consecutive significant samples of the step response on one side.
 struct Run {
-    /// Of these the largest.
+    /// The largest of them.
     largest: f64,
-    /// The last.
+    /// The last of them.
     last: usize,
-    /// Those in a row, and the most in a row.
+    /// Consecutive samples, and their largest number.
     samples: usize,
     most: usize,
 }
 
-/// The finding of an inverse response; in open loop.
+/// The finding of an inverse response, for open loops.
 ///
 /// Source: Chen, Ohlsson and Ljung (2012), Automatica 48(8), 1525-1535, doi:10.1016/j.automatica.2012.05.026, for the response and its covariance.
 pub(super) fn inverse_response(
@@ -71,7 +72,7 @@ pub(super) fn inverse_response(
             None => runs.push(Run { largest: step, last: k, samples: 1, most: 1 }),
         }
     }
-    // What rings before it answers changes sides every sample or two.
+    // Ringing before the response changes sides every one or two samples.
     let [first, last, ..] = runs.as_slice() else { return None };
     let share = first.largest.abs() / last.largest.abs();
     let inverse = first.most >= LASTS && last.most >= LASTS && share < 1.0;
@@ -97,7 +98,8 @@ mod tests {
     use rand_chacha::rand_core::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// Two lags of `lags` samples, each its exact discretisation, behind whole samples of delay; `wrong` of the input passes the fast lag alone and is taken off.
+    /// Two lags of `lags` samples, each discretised exactly, behind whole samples of delay. A share `wrong` of the input passes the fast lag alone and is
+    /// subtracted.
     struct Drawn {
         record: Record<'static>,
         delay: usize,
@@ -109,7 +111,7 @@ mod tests {
         let slow = rng.random_range(4.0..22.0_f64);
         let ratio = rng.random_range(0.15..0.3);
         let fast = slow * ratio;
-        // The start is wrong where its share is above the ratio of the lags.
+        // The start is inverse where its share is above the ratio of the lags.
         let wrong = if inverse { ratio * rng.random_range(1.7..3.0) } else { 0.0 };
         let [p, q] = [(-1.0 / slow).exp(), (-1.0 / fast).exp()];
         let (delay, hold) = (rng.random_range(1..15_usize), rng.random_range(1..20_usize));
@@ -121,7 +123,7 @@ mod tests {
         let (mut x, mut z) = (0.0, 0.0);
         let mut y = Vec::with_capacity(samples);
         for t in 0..samples {
-            // The hold takes a sample more.
+            // The hold adds one sample.
             let input = t.checked_sub(delay + 1).map_or(0.0, |at| u[at]);
             x = p * x + (1.0 - p) * input;
             z = q * z + (1.0 - q) * input;
@@ -170,7 +172,7 @@ mod tests {
         assert!(found <= 1, "{found} of 40");
     }
 
-    /// Of the verdicts of these draws those whose interval holds the dead time and is narrower than 8 samples.
+    /// Number of draws whose verdict's interval holds the dead time and is narrower than 8 samples.
     fn held(seeds: std::ops::Range<u64>) -> usize {
         let names = ["oestruc", "armaxstruc", "arxstruc", "oe_posterior", "p2d", "p2dz", "cusum"];
         let mut held = 0;

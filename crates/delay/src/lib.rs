@@ -1,4 +1,4 @@
-//! Dead-time estimation: what an estimator is, and the list of all there are.
+//! Dead-time estimation: the estimator trait and the list of all estimators.
 
 mod ahead;
 mod area;

@@ -1,21 +1,21 @@
-//! What the list of methods says of each: its class, what it needs, what it promises, and where it still holds.
+//! The properties of each method in the list: its class, its needs, its laws, and its valid conditions.
 
 use super::estimator::DelayEstimator;
 use deadtime_signal::registry::Entry;
 
-/// Methods that see a record alike, and so err alike: each class has one vote in a verdict.
+/// Methods with the same kind of evaluation have correlated errors: each class has one vote in a verdict.
 ///
-/// Source: after Björklund (2003), LiU-TEK-LIC-2003:60, pp. 13-14, whose four classes are split where the methods see different things.
+/// Source: after Björklund (2003), LiU-TEK-LIC-2003:60, pp. 13-14, whose four classes are split where the methods evaluate different quantities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Class {
-    /// Sampled models of low order, the delay a parameter of theirs.
+    /// Sampled models of low order with the delay as a parameter.
     Parametric,
     /// Continuous models of low order with a fractional delay.
     Process,
     /// Thresholds on an estimated impulse or step response.
     Threshold,
-    /// The lag at which input and output are most alike.
+    /// The lag at which input and output are most similar.
     Correlation,
     /// Phase: of the spectra, or of the all-pass part of a model.
     Frequency,
@@ -32,7 +32,7 @@ pub enum Class {
 }
 
 impl Class {
-    /// Every class, in the order in which answers are shown.
+    /// Every class, in the order of display.
     pub const ALL: &[Self] = &[
         Self::Parametric,
         Self::Process,
@@ -46,8 +46,8 @@ impl Class {
         Self::Events,
     ];
 
-    /// What the class weighs in a verdict: half of the others where the delay is read off an estimated response instead of being fitted. In the comparison of
-    /// Björklund (2003), p. 109, all of those stand behind the best fitted ones.
+    /// The class's weight in a verdict: half of the others where the delay is read from an estimated response instead of being fitted. In the comparison of
+    /// Björklund (2003), p. 109, all of those rank behind the best fitted ones.
     #[must_use]
     pub fn vote_weight(self) -> f64 {
         match self {
@@ -61,7 +61,7 @@ impl Class {
         }
     }
 
-    /// The heading of its answers.
+    /// The heading of its estimates.
     #[must_use]
     pub fn title(self) -> &'static str {
         match self {
@@ -79,7 +79,7 @@ impl Class {
     }
 }
 
-/// What a method looks at.
+/// The data that a method uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Scope {
@@ -91,12 +91,12 @@ pub enum Scope {
     Events,
 }
 
-/// The kind of experiment that a method is made for, and on which it is held to its promises.
+/// The reference experiment of a method, on which its laws and tolerance are tested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReferenceExperiment {
-    /// A plant with dynamics of its own, moved by a rich input.
+    /// A plant with dynamics of its own and a rich input.
     Plant,
-    /// A continuous plant of so many real poles, with a zero or not, behind a hold.
+    /// A continuous plant with this many real poles, with or without a zero, behind a hold.
     Process {
         /// Its poles, one to three.
         poles: usize,
@@ -105,7 +105,7 @@ pub enum ReferenceExperiment {
     },
     /// An output that is a delayed copy of the input, with noise.
     Copy,
-    /// A plant at rest that answers to steps.
+    /// A plant at rest that responds to steps.
     Steps,
     /// A delayed copy of an input whose distribution is skewed.
     Skewed,
@@ -115,16 +115,16 @@ pub enum ReferenceExperiment {
     Events,
 }
 
-/// What a method takes for granted about the start of a record.
+/// A method's assumption on the start of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Start {
-    /// Nothing: samples that reach back before the record are left out.
+    /// None: samples that reach back before the record are left out.
     Any,
-    /// That the plant rested: a record that begins at rest is measured from there, not from its mean.
+    /// The plant rests: a record that begins at rest is measured from there, not from its mean.
     Rest,
 }
 
-/// A complication under which a method's answer may still be trusted.
+/// A condition under which a method's estimate may still be trusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Condition {
@@ -134,13 +134,13 @@ pub enum Condition {
     Feedback,
     /// Noise that is not white.
     ColouredNoise,
-    /// A plant whose own lag is long against a sample (a method without it takes lag for delay).
+    /// A plant whose own lag is long compared with a sample (a method without dynamics takes lag for delay).
     Dynamics,
     /// Output samples that were not measured.
     MissingOutputs,
-    /// Other inputs that move with this one.
+    /// Other inputs correlated with this one.
     OtherInputs,
-    /// A step response that starts against its end, as a zero in the right half-plane makes it.
+    /// A step response that starts opposite to its final value, as with a zero in the right half-plane.
     InverseResponse,
     /// A plant that integrates.
     Integrating,
@@ -149,7 +149,7 @@ pub enum Condition {
 }
 
 impl Condition {
-    /// What it is called in a sentence.
+    /// Its name in a sentence.
     #[must_use]
     pub fn words(self) -> &'static str {
         match self {
@@ -166,14 +166,14 @@ impl Condition {
     }
 }
 
-/// What the data can know of the delay, for the standard deviation that is predicted before estimating ([`super::richness::richness`]).
+/// The information on the delay in the data, for the standard deviation predicted before estimating ([`super::richness::richness`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Information {
     /// Both channels are noisy copies of one signal: the two-sensor bound.
     TwoSensors,
-    /// A plant of that many unknown poles and an unknown gain: the joint bound.
+    /// A plant with this number of unknown poles and an unknown gain: the joint bound.
     Poles(usize),
-    /// A response of free coefficients: what its first ones stand out by.
+    /// A response of free coefficients: the significance of its first ones.
     Response,
     /// A known plant.
     KnownModel,
@@ -181,7 +181,7 @@ pub enum Information {
     Events,
 }
 
-/// What a method reads its answer from: those that read the same intermediate result err together, and have one vote.
+/// The intermediate result from which a method reads its estimate. Methods with the same basis have correlated errors, and one vote.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Basis {
@@ -189,7 +189,7 @@ pub enum Basis {
     Arx,
     /// The losses or the polynomials of an output-error scan.
     OutputError,
-    /// A plain finite impulse response.
+    /// A finite impulse response without regularisation.
     FiniteResponse,
     /// The cross-spectrum of the two channels.
     CrossSpectrum,
@@ -197,19 +197,19 @@ pub enum Basis {
     Own,
 }
 
-/// A law that an estimator may promise.
+/// A law that an estimator may guarantee.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Law {
-    /// Delaying y by k samples moves the answer by k samples.
+    /// Delaying y by k samples moves the estimate by k samples.
     Shift,
-    /// A gain on u or y changes nothing.
+    /// A gain on u or y has no influence.
     Gain,
-    /// Another sign of u or y changes nothing.
+    /// Another sign of u or y has no influence.
     Sign,
-    /// Whole-sample delays are found exactly on noise-free rich input.
+    /// The estimate of a whole-sample delay is exact on noise-free rich input.
     Exact,
-    /// Noise alone, white or slow, is seldom taken for a response.
+    /// Noise alone, white or slow, seldom passes for a response.
     Silence,
     /// A delay beyond the search window is never `found` elsewhere.
     Window,
@@ -219,33 +219,33 @@ pub enum Law {
 pub struct Method {
     /// Name, summary and options.
     pub entry: Entry<dyn DelayEstimator>,
-    /// What it sees a record by.
+    /// Its class of evaluation.
     pub class: Class,
-    /// What it looks at.
+    /// The data that it uses.
     pub scope: Scope,
-    /// What it takes for granted about the start.
+    /// Its assumption on the start.
     pub start: Start,
-    /// The experiment that it is made for.
+    /// Its reference experiment.
     pub reference: ReferenceExperiment,
-    /// What bounds its uncertainty from below.
+    /// The lower bound of its uncertainty.
     pub information: Information,
-    /// What it shares with other methods.
+    /// The intermediate result that it shares with other methods.
     pub basis: Basis,
-    /// Samples to which it keeps the laws it promises, and within which its answer lies on its reference experiment (1 % noise).
+    /// Tolerance of its laws, samples, and of its error on its reference experiment (1 % noise).
     pub tolerance: f64,
-    /// What the record must show for it to be asked at all.
+    /// The condition of the record that the method requires, if any.
     pub made_for: Option<Condition>,
-    /// Complications that it withstands.
+    /// Conditions that it withstands.
     pub withstands: &'static [Condition],
-    /// What it needs, in a few words.
+    /// Its needs, in a few words.
     pub needs: &'static str,
-    /// What it cannot see, in a few words.
+    /// Effects that it cannot detect, in a few words.
     pub blind_to: &'static str,
-    /// Laws that it does not promise, and why.
+    /// Laws that it does not guarantee, and why.
     pub exempt: &'static [(Law, &'static str)],
 }
 
-/// What prediction-error methods withstand, whatever the loop around the plant.
+/// Conditions that prediction-error methods withstand, for any loop around the plant.
 pub(super) const PREDICTS: &[Condition] = &[
     Condition::UnstablePlant,
     Condition::Feedback,
@@ -258,8 +258,7 @@ pub(super) const PREDICTS: &[Condition] = &[
 pub(super) const WHOLE: f64 = 1e-6;
 
 impl Method {
-    /// A line of a method that sees one pair at a time and promises every law, to be completed by
-    /// what else it says of itself.
+    /// The line of a pair method that guarantees every law; its other properties are added afterwards.
     pub(super) const fn of(class: Class, entry: Entry<dyn DelayEstimator>) -> Self {
         Self {
             entry,
@@ -278,7 +277,7 @@ impl Method {
         }
     }
 
-    /// What the list says of it, as data: name, summary, options, class, needs, what it cannot see, and what it withstands.
+    /// Its properties as data: name, summary, options, class, needs, blind spots, and conditions that it withstands.
     #[must_use]
     pub fn data(&self) -> serde_json::Value {
         let mut data = self.entry.data();
@@ -294,20 +293,20 @@ impl Method {
         data
     }
 
-    /// It withstands this complication.
+    /// It withstands this condition.
     #[must_use]
     pub fn withstands(&self, condition: Condition) -> bool {
         self.withstands.contains(&condition)
     }
 
-    /// It promises this law.
+    /// It guarantees this law.
     #[must_use]
     pub fn promises(&self, law: Law) -> bool {
         self.exempt.iter().all(|(exempt, _)| *exempt != law)
     }
 }
 
-/// The line of a method as [`Method::of`] has it: `method_line!("name", "summary", OptionStruct, Class)`.
+/// The line of a method as in [`Method::of`]: `method_line!("name", "summary", OptionStruct, Class)`.
 macro_rules! method_line {
     ($name:literal, $summary:literal, $options:ty, $class:ident) => {
         $crate::method::Method::of(
@@ -323,8 +322,7 @@ macro_rules! method_line {
 }
 pub(super) use method_line;
 
-/// The example of a method for plants with dynamics: samples, the plant's pole, and how near the
-/// answer comes, s.
+/// The example of a method for plants with dynamics: samples, the plant's pole, and the tolerance of the estimate, s.
 macro_rules! plant_example {
     ($options:ident, $samples:literal, $pole:literal, $near:literal) => {
         concat!(

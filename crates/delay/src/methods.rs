@@ -6,7 +6,7 @@ use super::{
     threshold,
 };
 
-/// Every estimator, within a class the most trusted first.
+/// Every estimator; within a class the most trusted first.
 pub const METHODS: &[Method] = &[
     parametric::oestruc::METHOD,
     parametric::armaxstruc::METHOD,
@@ -54,7 +54,7 @@ pub const METHODS: &[Method] = &[
     events::criteria::DELAY_VARIANCE,
 ];
 
-/// Estimators that are asked only where the record shows what they are made for.
+/// Estimators that run only where the record has the condition that they are made for.
 pub const CONDITIONAL: &[Method] = &[process::integrating::P1DI, process::integrating::P0DI];
 
 /// All of both lists.

@@ -1,13 +1,13 @@
-//! From the losses of a scan over delays to a probability of each: p(nk) ∝ V(nk)^(−N/2).
+//! The probability of each delay from the losses of a scan: p(nk) ∝ V(nk)^(−N/2).
 
 use deadtime_identify::{ArxScan, Record, arx_scan};
 
-/// What the losses say.
+/// The posterior over the delays.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Posterior {
     /// The most probable delay.
     pub(super) best: usize,
-    /// Delays whose losses are zero but for rounding.
+    /// Delays whose losses are zero up to rounding.
     pub(super) ties: usize,
     /// Standard deviation, samples, the grid's own resolution included.
     pub(super) std: f64,
@@ -17,49 +17,48 @@ pub(super) struct Posterior {
     pub(super) set: usize,
     /// The probability of every delay.
     pub(super) weights: Vec<f64>,
-    /// The delays, the most probable first: of them the first [`Self::set`] are the set.
+    /// The delays, the most probable first; the first [`Self::set`] are the set.
     pub(super) order: Vec<usize>,
 }
 
 impl Posterior {
-    /// Nearly all delays are about as probable: e^H, the number of equal probabilities that say as little (H the entropy), is above 19 in 20.
+    /// The posterior is nearly uniform: e^H, the equivalent number of equal probabilities (H the entropy), exceeds 95 % of the number of delays.
     pub(super) fn is_flat(&self) -> bool {
         let entropy: f64 = self.weights.iter().filter(|w| **w > 0.0).map(|w| -w * w.ln()).sum();
         let delays = self.weights.len() as f64;
         entropy.exp() > 0.95 * delays
     }
 
-    /// Where the first coefficient of the response may stand: [`first_coefficient`] of the set's
-    /// ends.
+    /// The possible positions of the response's first coefficient: [`first_coefficient`] of the set's ends.
     pub(super) fn first_coefficient(&self, bias: usize) -> [f64; 2] {
         first_coefficient(self.ends[0], self.ends[1], bias)
     }
 }
 
-/// The 95 % interval, samples, of a delay read from the first coefficient that is not zero, between the first and last sample at which it may stand.
+/// The 95 % interval, samples, of a delay read from the first nonzero coefficient, between the first and last sample possible for it.
 ///
-/// A dead time that ends within a sample shows in one coefficient for all its fractions: a strictly proper plant (bias 1 or more) answers at the end of that sample,
-/// so the truth is up to a sample above; a direct path (bias 0) at its next sampling instant, so it is up to a sample below. Half a sample on the other side is for a
-/// coefficient too small to be seen.
+/// A dead time that ends within a sample appears in one coefficient for all its fractions. A strictly proper plant (bias 1 or more) responds at the end of that
+/// sample, so the truth is up to one sample above. A direct path (bias 0) responds at its next sampling instant, so the truth is up to one sample below. The
+/// half sample on the other side allows for a coefficient below the noise.
 pub(super) fn first_coefficient(from: f64, to: f64, bias: usize) -> [f64; 2] {
     if bias == 0 { [from - 1.0, to + 0.5] } else { [from - 0.5, to + 1.0] }
 }
 
-/// Losses below this share of the signal's power are zero but for rounding.
+/// Losses below this share of the signal's power are zero up to rounding.
 pub(super) const ROUNDING: f64 = 1e-20;
 
-/// `losses` from delay 0 on, NaN where there is none; `power` is the mean square of the output; `samples` the independent ones among the residuals.
+/// `losses` from delay 0 on, NaN where missing; `power` is the mean square of the output; `samples` the number of independent residuals.
 ///
 /// The flat prior over the window and p ∝ V^(−N/2) are the profile likelihood of Gaussian noise of unknown variance.
-/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, for the losses; the posterior is the usual Bayesian reading of them.
+/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, for the losses; the posterior is their usual Bayesian form.
 pub(super) fn posterior(losses: &[f64], power: f64, samples: f64) -> Option<Posterior> {
     let floor = ROUNDING * power;
     let logs: Vec<f64> = losses.iter().map(|&v| log_weight(v, floor, samples)).collect();
     from_logs(&logs, losses.iter().filter(|&&v| v <= floor).count())
 }
 
-/// The same where the response may begin later than the first of the coefficients fitted: `losses[nk][m − 1]` has m coefficients from lag nk on. Each model weighs
-/// V^(−N/2)·N^(−m/2), Schwarz's approximation of its evidence, so that coefficients that are zero are not paid for.
+/// The same for a response that may begin after the first fitted coefficient: `losses[nk][m − 1]` has m coefficients from lag nk on. Each model has the weight
+/// V^(−N/2)·N^(−m/2), Schwarz's approximation of its evidence, which penalises zero coefficients.
 ///
 /// Source: Schwarz (1978), Ann. Statist. 6(2), 461-464, doi:10.1214/aos/1176344136.
 pub(super) fn posterior_of_start(
@@ -112,7 +111,7 @@ pub(super) fn log_sum(logs: &[f64]) -> f64 {
     }
 }
 
-/// The posterior of log-probabilities, whatever their common factor; `ties` of the delays fit exactly.
+/// The posterior of log-probabilities with any common factor; `ties` of the delays fit exactly.
 pub(super) fn from_logs(logs: &[f64], ties: usize) -> Option<Posterior> {
     let best = (0..logs.len())
         .filter(|&nk| logs[nk] > f64::NEG_INFINITY)
@@ -144,10 +143,10 @@ pub(super) fn from_logs(logs: &[f64], ties: usize) -> Option<Posterior> {
     })
 }
 
-/// Variance of a delay that is only known to the nearest sample.
+/// Variance of a delay that is uniform within a sample.
 pub(super) const RESOLUTION: f64 = 1.0 / 12.0;
 
-/// How many of `residuals` are independent: N/(1 + 2Σρ), the sum up to the first correlation that is not positive.
+/// The number of independent `residuals`: N/(1 + 2Σρ), the sum up to the first correlation that is not positive.
 pub(super) fn effective_samples(residuals: &[f64]) -> f64 {
     let n = residuals.len() as f64;
     let power: f64 = residuals.iter().map(|e| e * e).sum();
@@ -170,7 +169,7 @@ pub(super) fn effective_samples(residuals: &[f64]) -> f64 {
     (n / (1.0 + 2.0 * sum)).max(1.0)
 }
 
-/// How many samples count when a `signal` is sought under such `residuals`: N/(1 + 2Σρₛρₑ), at most N. What varies quickly shows under slow noise sample by sample.
+/// The number of independent samples for detecting a `signal` under such `residuals`: N/(1 + 2Σρₛρₑ), at most N. Slow noise does not hide a fast signal.
 ///
 /// Source: Bartlett (1935), J. R. Stat. Soc. 98(3), 536-543, doi:10.2307/2342284.
 pub(super) fn samples_under(signal: &[f64], residuals: &[f64]) -> f64 {
@@ -193,11 +192,10 @@ pub(super) fn samples_under(signal: &[f64], residuals: &[f64]) -> f64 {
     (n / (1.0 + 2.0 * sum).max(1.0)).max(1.0)
 }
 
-/// How often noise alone may pass for a response, nominally: a third of the one record in a hundred that is to be kept, because the number of independent tries that a
-/// search makes is only estimated.
+/// Nominal false-alarm probability of a response: a third of the target of one record in 100, because the number of independent tests is only estimated.
 const BY_CHANCE: f64 = 0.003;
 
-/// The smallest N·ln(V₀/V) that `parameters` free parameters, searched over `delays`, reach [`BY_CHANCE`].
+/// The smallest significant N·ln(V₀/V) at [`BY_CHANCE`], for `parameters` free parameters searched over `delays`.
 pub(super) fn visible_gain(parameters: usize, delays: usize) -> f64 {
     use statrs::distribution::{ChiSquared, ContinuousCDF};
     let (freedom, tried) = (parameters.max(1) as f64, delays.max(1) as f64);
@@ -211,7 +209,7 @@ pub(super) fn smallest(losses: &[f64]) -> Option<usize> {
         .min_by(|&a, &b| losses[a].total_cmp(&losses[b]))
 }
 
-/// Why the output does not visibly follow the input, judged by how much better ARX models with the input predict than past outputs alone; `None`: it does.
+/// Why the output does not visibly follow the input; `None`: it does. ARX models with the input are compared with past outputs alone.
 pub(super) fn unseen_by(scan: &ArxScan, nb: usize) -> Option<String> {
     let rows = scan.rows as f64;
     let smallest = scan.loss[smallest(&scan.loss)?];
@@ -225,12 +223,10 @@ pub(super) fn unseen_at(gain: f64, parameters: usize, delays: usize) -> Option<S
         .then(|| format!("past outputs alone predict as well (gain {gain:.1}): the output does not visibly follow the input"))
 }
 
-/// Past outputs and input coefficients of an ARX model that suits most plants: the best in
-/// Björklund's study.
+/// Past outputs and input coefficients of an ARX model that fits most plants: the best in Björklund's study.
 pub(super) const ARX_ORDERS: [usize; 2] = [10, 5];
 
-/// The same for methods that have no test of their own, with [`ARX_ORDERS`], fewer where the record
-/// is too short for them.
+/// The same for methods without a test of their own, with [`ARX_ORDERS`], fewer for short records.
 pub(super) fn unseen(records: &[Record], max_delay: usize) -> Option<String> {
     let longest = records.iter().map(Record::len).max().unwrap_or(0);
     let [na, nb] = ARX_ORDERS;
@@ -287,7 +283,7 @@ mod tests {
         let expected = 4000.0 / 9.0;
         let got = effective_samples(&e);
         assert!((got / expected - 1.0).abs() < 0.4, "{got}");
-        // A signal of the same colour: 1 + 2Σρ²ᵏ = 4.56; one that alternates is not hidden at all.
+        // A signal of the same colour: 1 + 2Σρ²ᵏ = 4.56; an alternating signal is not hidden.
         let slow = samples_under(&e, &e);
         assert!((slow * 4.56 / 4000.0 - 1.0).abs() < 0.2, "{slow}");
         let fast: Vec<f64> = (0..4000).map(|t| if t % 2 == 0 { 1.0 } else { -1.0 }).collect();

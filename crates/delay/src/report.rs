@@ -1,4 +1,4 @@
-//! The result of an estimation as the file `deadtime/estimate@1` has it, and what only readers are shown.
+//! The result of an estimation in the file format `deadtime/estimate@1`, and further fields for display.
 
 use deadtime_signal::remedy::{Message, Words};
 use serde::Serialize;
@@ -12,12 +12,12 @@ use crate::events::jitter::Jitter;
 use crate::response::estimator::ResponseMethod;
 use crate::track::answer::{Moving, Tracked};
 
-/// One method's answer, as the file has it.
+/// One method's estimate in the file format.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Estimate {
     /// The method.
     pub method: String,
-    /// What came of it.
+    /// The outcome.
     pub outcome: Outcome,
     /// The dead time, s.
     pub delay_s: Option<f64>,
@@ -25,30 +25,30 @@ pub struct Estimate {
     pub std_s: Option<f64>,
     /// Its 95 % interval, s.
     pub ci95_s: Option<[f64; 2]>,
-    /// What the method's original definition returns, s.
+    /// The estimate of the method's original definition, s.
     pub raw_delay_s: Option<f64>,
-    /// Samples taken off the raw value.
+    /// Samples subtracted from the raw value.
     #[serde(serialize_with = "whole_if_it_is")]
     pub degree_bias_samples: f64,
-    /// What a reader must know besides.
+    /// A note for the reader.
     pub note: Option<Message>,
-    /// The standard deviation that was to be expected of the method before it ran, s ([`super::richness::richness`]).
+    /// The standard deviation predicted before the method ran, s ([`super::richness::richness`]).
     pub predicted_std_s: Option<f64>,
     /// Run time, s.
     pub time_s: f64,
-    /// The heading it stands under.
+    /// The heading of its class.
     #[serde(skip)]
     pub class: Class,
-    /// What the record shows that the method does not withstand.
+    /// Conditions of the record that the method does not withstand.
     #[serde(skip)]
     pub distrust: Vec<Condition>,
-    /// What the method leaves over contradicts its own model.
+    /// The method's residual contradicts its own model.
     #[serde(skip)]
     pub contradicted: bool,
 }
 
 impl Estimate {
-    /// An answer with its method, what was to be expected of it, its run time, and what the record shows.
+    /// An estimate with its method, its predicted accuracy, its run time, and the conditions of the record.
     #[must_use]
     pub fn new(
         method: &Method,
@@ -62,7 +62,7 @@ impl Estimate {
         Self { predicted_std_s, distrust, ..answer }
     }
 
-    /// The answer of a method for frequency responses, and its run time.
+    /// The estimate of a method for frequency responses, and its run time.
     #[must_use]
     pub fn of_response(method: &ResponseMethod, estimate: &DelayEstimate, time_s: f64) -> Self {
         Self::of((method.entry.name, method.class), estimate, time_s)
@@ -87,22 +87,22 @@ impl Estimate {
     }
 }
 
-/// All answers for one pair.
+/// All estimates for one pair.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Pair {
     /// The input.
     pub input: String,
-    /// The output; `*` where an answer holds whatever the output.
+    /// The output; `*` for an estimate that holds for any output.
     pub output: String,
-    /// What the record shows.
+    /// The conditions of the record.
     #[serde(skip)]
     pub findings: Vec<Finding>,
-    /// One answer per method, class by class.
+    /// One estimate per method, class by class.
     pub estimates: Vec<Estimate>,
-    /// Where neighbouring delays are nearly indistinguishable: the standard deviation that was to be expected before any method ran, s.
+    /// The standard deviation predicted before any method ran, s, where neighbouring delays are nearly indistinguishable.
     #[serde(skip)]
     pub poor_std_s: Option<f64>,
-    /// Output samples that stand alone, far off their neighbours.
+    /// Isolated output samples, far from their neighbours.
     #[serde(skip)]
     pub standing_off: usize,
     /// The channels are taken for two sensors of one signal: delays are those of relative degree 0.
@@ -110,19 +110,19 @@ pub struct Pair {
     pub two_sensors: bool,
     /// The dead time and its reasons.
     pub verdict: Verdict,
-    /// A delay that changes; absent where one delay describes the records.
+    /// A time-varying delay; absent where one delay describes the records.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub moving: Option<Moving>,
-    /// The delay against time, where it was asked for and the records allow it.
+    /// The delay against time, where it was requested and the records allow it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub track: Option<Tracked>,
-    /// How long single events take; absent where there are none, or none can be paired.
+    /// Delays of single events; absent where no events can be paired.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub jitter: Option<Jitter>,
 }
 
 impl Pair {
-    /// The answers of methods for an input and an output, and the verdict on them.
+    /// The estimates of methods for an input and an output, and the verdict on them.
     pub(super) fn new(names: [&str; 2], estimates: Vec<Estimate>, verdict: Verdict) -> Self {
         let [input, output] = names.map(str::to_owned);
         Self {
@@ -148,19 +148,19 @@ pub struct Report {
     pub format: &'static str,
     /// The log.
     pub log: String,
-    /// The sample time, s; of a frequency response half the period of the highest frequency, or half the width of the verdict's interval where that is less.
+    /// The sample time, s. For a frequency response: half the period of the highest frequency, or half the width of the verdict's interval if smaller.
     pub sample_time_s: f64,
     /// The longest delay searched, s.
     pub max_delay_s: f64,
     /// One entry per input and output.
     pub pairs: Vec<Pair>,
-    /// In what.
+    /// The kind of data that was searched.
     #[serde(skip)]
     pub searched: Searched,
 }
 
 impl Report {
-    /// The report with its notes and findings in the words of a face.
+    /// The report with its notes and findings in the words of a user interface.
     #[must_use]
     pub fn worded(mut self, words: Words) -> Self {
         for pair in &mut self.pairs {
@@ -173,7 +173,7 @@ impl Report {
     }
 }
 
-/// What was searched for a dead time, and what was assumed.
+/// The data searched for a dead time, and the assumptions.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Searched {
     /// Samples of a log.
@@ -182,9 +182,9 @@ pub enum Searched {
         samples: usize,
         /// Records.
         records: usize,
-        /// Where the degree bias came from.
+        /// The source of the degree bias.
         bias: Bias,
-        /// By how much a response may look too early because the log was put onto an even grid first, s.
+        /// The largest apparent lead of a response, s, caused by resampling the log onto an even grid.
         early_s: f64,
     },
     /// Two sequences of event times.
@@ -200,14 +200,14 @@ pub enum Searched {
         count: usize,
         /// The first and the last, Hz.
         band_hz: [f64; 2],
-        /// Delays this far apart look alike, s.
+        /// Delays at this distance are aliases, s.
         unambiguous_s: f64,
-        /// How it was read.
+        /// Notes on the interpretation of the file.
         notes: Vec<String>,
     },
 }
 
-/// Where the samples come from that are taken off raw values.
+/// The source of the samples that are subtracted from raw values.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Bias {
     /// A strictly proper plant behind a zero-order hold.
@@ -218,7 +218,7 @@ pub enum Bias {
     Given(usize),
 }
 
-/// An estimated impulse response, one number per sample, the first at lag 0.
+/// An estimated impulse response, one value per sample, the first at lag 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Response {
     /// The coefficients.
@@ -231,7 +231,7 @@ pub struct Response {
 pub const FORMAT: &str = "deadtime/estimate@1";
 
 impl Estimate {
-    /// A delay was found, and the record shows nothing that the method does not withstand.
+    /// The estimate has a delay, and the record has no condition that the method does not withstand.
     #[must_use]
     pub fn counts(&self) -> bool {
         self.outcome == Outcome::Found && self.distrust.is_empty() && !self.contradicted

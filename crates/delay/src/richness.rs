@@ -1,7 +1,7 @@
-//! The richness number: the standard deviation that a delay's estimate will have, predicted before any method estimates it.
+//! The predicted accuracy: the standard deviation of a delay estimate, predicted before any method runs.
 //!
-//! Equation: σ_L = σ/‖P⊥ψ‖, the bound of [`super::bound`] for what a method looks at, at a rough model of the pair; ψ = ∂ŷ/∂L of the input as it was, so that an
-//! input that does not let a delay be seen makes a large number whatever the model.
+//! Equation: σ_L = σ/‖P⊥ψ‖, the bound of [`super::bound`] for a method's information, at a rough model of the pair. ψ = ∂ŷ/∂L is computed from the measured
+//! input, so an input that hides the delay gives a large value for any model.
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -15,22 +15,23 @@ use crate::process::family::{Rough, rough};
 use crate::threshold::impulse::Threshold;
 use deadtime_identify::{Record, fir};
 
-/// What is to be expected of each method for one pair; `None` where its kind of information has no prediction here or nothing can be fitted.
+/// The predicted accuracy of each method for one pair. `None` where its kind of information has no prediction, or the fit fails.
 ///
-/// Inputs: as the methods get them; `bias` of the search as in [`Search`]. Output: seconds; methods that count samples add their resolution, 1/12 samples².
+/// Inputs: the experiment of the methods; `bias` of the search as in [`Search`]. Output: seconds; methods that count samples add their resolution, 1/12
+/// samples².
 ///
-/// The rough model has two poles (or as many as the method where it says so) and any dead time of the window. It is fitted quickly to at most 4 000 samples of each record;
-/// gain, poles and noise of the whole records are read from it. For [`Information::TwoSensors`] the bound is that of a known band-limited signal with the model's spectrum:
-/// the coherence of the pair represents both noises. For [`Information::Response`] it is the spread of the first coefficient above five standard deviations of a finite
-/// impulse response, its lateness included.
+/// The rough model has two poles (or the method's own number) and any dead time of the window. A quick fit uses at most 4000 samples of each record; the
+/// prediction uses gain, poles and noise of the whole records. For [`Information::TwoSensors`] the bound is that of a known band-limited signal with the
+/// model's spectrum: the coherence of the pair represents both noises. For [`Information::Response`] it is the spread of the first coefficient above five
+/// standard deviations of a finite impulse response, its bias included.
 ///
-/// Assumes: open loop, and a plant that two poles describe roughly. Noise that is not white counts by its correlations (Bartlett).
-/// Never more than the prior knowledge, the window's width over √12, which is also the answer where the output does not visibly follow the input.
+/// Assumes: open loop, and a plant that two poles describe roughly. Coloured noise enters by its correlations (Bartlett). The upper bound is the prior standard
+/// deviation, the window's width over √12. The bound also applies where the output does not visibly follow the input.
 /// Fails when: the method's own assumptions fail. Errors of too small a model, of feedback and of outliers are not included.
 /// Cost: some milliseconds at 500 samples, once for all methods.
 ///
 /// # Errors
-/// [`DelayError`] where the experiment or the pair cannot be used at all.
+/// [`DelayError`] for an unusable experiment or pair.
 pub fn richness(
     experiment: &Experiment<'_>,
     search: &Search,
@@ -44,7 +45,7 @@ pub fn richness(
         .iter()
         .map(|m| {
             let std = stds.iter().find(|(information, _)| *information == m.information)?.1?;
-            // The spread of a first coefficient is counted in samples as it is.
+            // The spread of a first coefficient is already in samples.
             let counts = m.tolerance <= WHOLE && m.information != Information::Response;
             let with_resolution =
                 if counts { (std * std + posterior::RESOLUTION).sqrt() } else { std };
@@ -58,14 +59,14 @@ pub fn richness(
         .collect())
 }
 
-/// What is to be expected of a method on some data.
+/// The predicted accuracy of a method on given data.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Richness {
-    /// Its standard deviation, s, with the resolution of methods that count samples.
+    /// Its standard deviation, s, including the resolution of methods that count samples.
     pub std_s: f64,
-    /// The share of the data alone in that, s.
+    /// The part of it from the data alone, s.
     pub data_std_s: f64,
-    /// d(1)/2σ: half the distance between the responses at neighbouring whole delays, over the noise; below 3 neighbouring delays are nearly indistinguishable.
+    /// d(1)/2σ: half the distance between the responses at neighbouring whole delays, over the noise. Below 3 neighbouring delays are nearly indistinguishable.
     pub separation: f64,
 }
 
@@ -77,10 +78,11 @@ struct Data<'a> {
 }
 
 impl Data<'_> {
-    /// What each kind of information that the methods use tells: its standard deviation, samples. One rough model is held at a time, as each is several times the record.
+    /// The standard deviation, samples, of each kind of information that the methods use. Only one rough model is in memory at a time: each has several times
+    /// the record's size.
     fn stds(&self, methods: &[&Method]) -> Vec<(Information, Option<f64>)> {
         let mut stds: Vec<(Information, Option<f64>)> = Vec::new();
-        // The output visibly follows the input, as the first rough model sees it.
+        // The output visibly follows the input, by the first rough model.
         let mut seen = None;
         for method in methods {
             let Some(poles) = poles(method.information)
@@ -126,7 +128,7 @@ impl Data<'_> {
     }
 }
 
-/// The poles of the rough model that an information is read from.
+/// The number of poles of the rough model for this information.
 fn poles(information: Information) -> Option<usize> {
     match information {
         Information::Poles(n) => Some(n.clamp(1, 3)),
@@ -136,7 +138,7 @@ fn poles(information: Information) -> Option<usize> {
 }
 
 impl Rough {
-    /// The noise's standard deviation as it counts under a signal.
+    /// The noise's standard deviation, corrected for its correlation with a signal.
     fn noise(&self, signal: &[f64]) -> f64 {
         let freedom = (self.samples - self.parameters as f64).max(1.0);
         let cost: f64 = self.residual.iter().map(|e| e * e).sum();
@@ -150,7 +152,7 @@ impl Rough {
     }
 }
 
-/// More than chance makes of it over so many delays.
+/// The fit is significant over this number of delays.
 fn visible(rough: &Rough, delays: usize) -> bool {
     let cost: f64 = rough.residual.iter().map(|e| e * e).sum();
     let counting = rough.samples * posterior::samples_under(&rough.model, &rough.residual)
@@ -160,7 +162,8 @@ fn visible(rough: &Rough, delays: usize) -> bool {
         >= posterior::visible_gain(rough.parameters, delays)
 }
 
-/// Root mean square of (first coefficient above its threshold − bias − delay), over the records in which there is one; `None` where the input does not excite all.
+/// Root mean square of (first coefficient above its threshold − bias − delay), over the records with such a coefficient. `None` where the input does not excite
+/// all.
 fn first_coefficient(
     records: &[Record],
     rough: &Rough,

@@ -1,4 +1,4 @@
-//! A pair's verdict where its delay moves: what one number would hide, in place of it.
+//! A pair's verdict with a time-varying delay, which replaces the single value.
 
 use super::error::DelayError;
 use super::estimate::DelayEstimate;
@@ -13,24 +13,24 @@ use crate::track::watch::{Stretch, Watch};
 use deadtime_identify::Record;
 use deadtime_signal::time::SampleTime;
 
-/// What is wanted besides the test.
+/// Requested results of the test.
 pub(super) struct Wanted {
     /// The delay against time, also where one delay describes the records.
     pub(super) track: bool,
-    /// What is known of the record.
+    /// The known facts of the record.
     pub(super) facts: RecordFacts,
 }
 
-/// Methods that estimate the delay of the record without its changes; without any of them those that were asked for.
+/// Methods that estimate the delay of the record without its changes; if none of them is requested, the requested ones.
 const ANCHORS: [&str; 4] = ["oestruc", "oe_posterior", "arxstruc", "p2d"];
-/// The most methods that are asked twice.
+/// Largest number of methods that run a second time.
 const MOST: usize = 4;
-/// Samples by which the watch's own model may miss a dead time, 95 %: its first coefficient need not be the first that acts.
+/// Error of the watch's own model, samples, 95 %: its first coefficient may be zero.
 const OWN: f64 = 3.0;
-/// Stretches that a sentence names.
+/// Largest number of stretches in a sentence.
 const NAMED: usize = 6;
 
-/// Watches the delay of a pair over time, tells of it, and takes the one number back where one delay does not describe the records.
+/// Watches the delay of a pair over time, reports it, and withdraws the single value where one delay does not describe the records.
 pub(super) fn tell(
     pair: &mut Pair,
     one: &Experiment<'_>,
@@ -50,7 +50,7 @@ pub(super) fn tell(
     search.go_on()?;
     let ts = one.sample_time();
     let bias = search.bias(0, 0);
-    // The delay that lasts longest.
+    // The delay of longest duration.
     let longest = seen.stretches().into_iter().max_by_key(|s| s.samples.len());
     let reference = longest.map_or(bias as f64, |s| s.delay as f64);
     let straight = if steady {
@@ -86,7 +86,7 @@ pub(super) fn tell(
     Ok(())
 }
 
-/// The input moves in every stretch: of one that holds no motion nothing tells a delay of its own.
+/// The input moves in every stretch: a stretch without motion has no delay of its own.
 fn moves_throughout(records: &[Record<'_>], stretches: &[Stretch]) -> bool {
     stretches.iter().all(|s| {
         let u = records.get(s.record).map_or(&[][..], |r| &r.u);
@@ -96,7 +96,7 @@ fn moves_throughout(records: &[Record<'_>], stretches: &[Stretch]) -> bool {
     })
 }
 
-/// What a few methods say of the records without their changes.
+/// The verdict of a few methods on the records without their changes.
 fn straight_verdict(
     pair: &Pair,
     straight: &Experiment<'_>,
@@ -187,7 +187,7 @@ mod tests {
         u[70..].fill(0.0);
         let two_steps = [Record::new(u.clone(), vec![0.0; 100])];
         assert!(moves_throughout(&two_steps, &stretches));
-        // By its own delay the second step belongs to no stretch any more.
+        // By its own delay the second step no longer belongs to any stretch.
         let late = [stretch(0, 60, 10), stretch(60, 100, 60)];
         assert!(!moves_throughout(&two_steps, &late));
     }

@@ -1,11 +1,11 @@
-//! How far dead times are searched where nobody gave a longest one.
+//! The default search window of dead times.
 //!
-//! The window of [`Search`](crate::Search) suits most records. A response that begins beyond it is either invisible inside it or is taken for noise, feedback or a delay
-//! that changes. Prediction-error models over longer delays show whether it begins there before any method runs; a method whose answer stands at the end of the window
-//! shows it afterwards.
+//! The window of [`Search`](crate::Search) suits most records. A response that begins beyond the window is invisible in it, or passes for noise, feedback or a
+//! time-varying delay. Prediction-error models over longer delays detect such a response before any method runs. A method whose estimate is at the end of the
+//! window indicates it afterwards.
 //!
-//! How it can be wrong: an input that repeats itself fits a delay of one period more as well, which is never more likely; an input that moves once excites few lags, so
-//! that only the methods see the end of the window; a response that begins beyond a third of the record stays out of reach.
+//! How it can be wrong: a periodic input fits a delay of one more period equally well, though never better. An input that moves once excites few lags, so that
+//! only the methods reach the end of the window. A response that begins beyond a third of the record is not found.
 
 use crate::error::DelayError;
 use crate::estimate::{DelayEstimate, Outcome};
@@ -17,19 +17,19 @@ use crate::verdict::answer::distrust;
 use deadtime_identify::{ArxScan, Record, arx_scan};
 use deadtime_signal::stop::Stop;
 
-/// Share of the longest record up to which delays are searched: one over this.
+/// Delays are searched up to 1/`PARTS` of the longest record.
 const PARTS: usize = 3;
-/// Samples of a record that are looked at for a response beyond the window.
+/// Samples of a record in the test for a response beyond the window.
 const LOOKED_AT: usize = 20_000;
 /// The same where samples are missing, as lag products then cost a factorisation.
 const LOOKED_AT_WITH_GAPS: usize = 3000;
 
-/// The longest delay that is ever searched without being asked for, samples.
+/// The longest delay of the default search, samples.
 pub(super) fn most(longest_record: usize) -> usize {
     (longest_record / PARTS).max(1)
 }
 
-/// The window, doubled until it holds `delay` before its end, or until it is the longest.
+/// The window, doubled until it holds `delay` before its end, or reaches the maximum.
 fn holding(window: usize, delay: usize, most: usize) -> usize {
     let mut window = window;
     while window <= delay && window < most {
@@ -38,12 +38,12 @@ fn holding(window: usize, delay: usize, most: usize) -> usize {
     window
 }
 
-/// The window that holds the beginning of the response: `window` itself, unless models whose delay lies beyond it predict the output better by more than chance.
+/// The window that holds the beginning of the response. The result is `window`, unless models with a delay beyond it predict the output significantly better.
 ///
-/// Equation: N·ln(V(inside)/V(beyond)) ≥ the χ² point of the models' coefficients over all delays tried; V is the loss of the best ARX model, and all models predict
-/// the same rows.
-/// Assumes: nothing about noise, feedback or the plant's speed, as past outputs are in every model.
-/// Resolution and cost: one ARX scan for each window's worth of lags.
+/// Equation: N·ln(V(inside)/V(beyond)) ≥ the χ² quantile of the models' coefficients over all tested delays. V is the loss of the best ARX model; all models
+/// predict the same rows.
+/// Assumes: no condition on noise, feedback or the plant's speed, because every model contains past outputs.
+/// Resolution and cost: one ARX scan for each window length of lags.
 /// Source: Ljung (1999), "System Identification", 2nd ed., section 10.1, for the scan; the test is the likelihood ratio of `unseen`.
 ///
 /// # Errors
@@ -59,7 +59,7 @@ pub(super) fn reaching(
     let most = most(heads.iter().map(Record::len).max().unwrap_or(0));
     let [na, nb] = ARX_ORDERS;
     let each = window + 1;
-    // The same rows in every scan: those that the longest delay has.
+    // The same rows in every scan: those of the longest delay.
     let long = || heads.iter().filter(|r| r.len() > most + each + nb + na);
     if window == 0 || most <= window || long().next().is_none() {
         return Ok(window);
@@ -89,10 +89,12 @@ pub(super) fn reaching(
     Ok(if begins { holding(window, beyond.1, most) } else { window })
 }
 
-/// The same by models of two poles, for records at rest at the start whose input moves too seldom for regressions to see where the response begins.
+/// The same by models of two poles, for records that begin at rest. Inputs of these records move too seldom for regressions to detect the beginning of the
+/// response.
 ///
-/// Equation: n·ln(Σe²(inside)/Σe²(any delay)) ≥ the χ² point of a delay, over all delays tried; n counts the samples under the residual's colour.
-/// Assumes: an open loop, and a dead time of a third of [`ROUGH_SAMPLES`] at most. A plant of more lags looks later to two poles than it is, so that the window only grows.
+/// Equation: n·ln(Σe²(inside)/Σe²(any delay)) ≥ the χ² quantile of a delay, over all tested delays; n is the number of independent samples.
+/// Assumes: an open loop, and a dead time of at most a third of [`ROUGH_SAMPLES`]. A plant of more lags biases the two-pole delay late, so the window only
+/// grows.
 pub(super) fn reaching_by_model(records: &[Record<'_>], window: usize, most: usize) -> usize {
     let longest = records.iter().map(Record::len).max().unwrap_or(0);
     let most = most.min(self::most(longest.min(ROUGH_SAMPLES)));
@@ -113,11 +115,11 @@ pub(super) fn reaching_by_model(records: &[Record<'_>], window: usize, most: usi
     }
 }
 
-/// The share of the methods that answer from which those at the end of the window say something: one over this.
+/// The methods at the end of the window are significant from 1/`SHARE` of the methods with an estimate.
 const SHARE: usize = 3;
 
-/// Methods that withstand what the record shows, and whose answers stand at the end of the window or beyond it; where none that answered does, all of these. What a model
-/// leaves over is no reason here, as a window that is too short makes it so. None where they are few.
+/// Methods that withstand the record's conditions, with estimates at or beyond the end of the window. Without any such estimate, all methods are included. A
+/// model's residual is no exclusion here, because a window that is too short causes it. Empty where they are few.
 pub(super) fn at_its_end<'a>(
     answers: impl Iterator<Item = (&'a Method, &'a DelayEstimate)>,
     findings: &[Finding],
@@ -133,7 +135,7 @@ pub(super) fn at_its_end<'a>(
     let asked: Vec<_> = answered.iter().filter(|a| !any || counts(a)).collect();
     let at_end: Vec<&str> =
         asked.iter().filter(|(_, e)| beyond(e)).map(|(m, _)| m.entry.name).collect();
-    // One that wanders off is no sign.
+    // A single outlier is not significant.
     if SHARE * at_end.len() >= asked.len() { at_end } else { Vec::new() }
 }
 
@@ -145,7 +147,7 @@ mod tests {
     use rand_chacha::rand_core::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// A lag behind a delay, in steps that last `hold` samples, under 10 % white noise.
+    /// A lag behind a delay, in steps of `hold` samples, with 10 % white noise.
     fn drawn(rng: &mut ChaCha8Rng, samples: usize, delay: usize, hold: usize) -> Record<'static> {
         let pole = rng.random_range(0.3..0.95);
         let mut u = Vec::with_capacity(samples);

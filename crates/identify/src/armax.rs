@@ -10,20 +10,20 @@ use deadtime_signal::stop::Stop;
 
 /// Orders of an ARMAX model.
 ///
-/// The predictor e = (A y − B u)/C is kept stable; A may have its roots anywhere. The likelihood is exact given the first outputs: the errors before a stretch
-/// without a missing output are as large as those in it, and are estimated with it. They, A and B enter linearly and are eliminated (variable projection,
-/// Kaufman's Jacobian), so only C is searched. The loss is Σ e²·det^(1/rows)/rows, det the determinant of the errors' covariance, without which roots of C
-/// would pile up on the unit circle where stretches are short.
-/// Starts: C = 1, the second stage of Hannan and Rissanen, a table of slow and fast roots, and the solutions of the neighbouring delays, upwards and downwards.
+/// The predictor e = (A y − B u)/C is kept stable; A may have roots anywhere. The likelihood is exact given the first outputs. The errors before a stretch
+/// without missing outputs have the same variance, and are estimated with it. These errors, A and B enter linearly and are eliminated (variable projection,
+/// Kaufman's Jacobian), so the search is over C alone. The loss is Σ e²·det^(1/rows)/rows, det the determinant of the errors' covariance. Without det, roots of
+/// C would accumulate on the unit circle for short stretches. Starts: C = 1, the second stage of Hannan and Rissanen, a table of slow and fast roots. Solutions
+/// of the neighbouring delays follow, upwards and downwards.
 ///
-/// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2, 7.2 and 10.2; Golub and Pereyra (2003), doi:10.1088/0266-5611/19/2/201;
-/// Hannan and Rissanen (1982), Biometrika 69(1), 81-94, doi:10.1093/biomet/69.1.81; Box, Jenkins and Reinsel (2008), "Time Series Analysis",
-/// 4th ed., section 7.1 (the determinant).
+/// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2, 7.2 and 10.2. Golub and Pereyra (2003), doi:10.1088/0266-5611/19/2/201. Hannan and
+/// Rissanen (1982), Biometrika 69(1), 81-94, doi:10.1093/biomet/69.1.81. Box, Jenkins and Reinsel (2008), "Time Series Analysis", 4th ed., section 7.1 (the
+/// determinant).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Armax {
     /// Past outputs.
     pub na: usize,
-    /// Most input coefficients.
+    /// Largest number of input coefficients.
     pub nb: usize,
     /// Past errors.
     pub nc: usize,
@@ -32,7 +32,7 @@ pub struct Armax {
 /// An ARMAX model of one delay and one number of input coefficients.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArmaxFit {
-    /// Σ e²/rows, e before the record included, times det^(1/rows).
+    /// Σ e²/rows times det^(1/rows); e includes the errors before the record.
     pub loss: f64,
     /// a₁ … a_na, of A = 1 + a₁q⁻¹ + …
     pub a: Vec<f64>,
@@ -42,8 +42,8 @@ pub struct ArmaxFit {
     pub c: Vec<f64>,
     /// Why the search stopped.
     pub stopped: Stopped,
-    /// Predicted reduction of rows·ln(loss) by the quadratic model at the end: 0 at a minimum. Where the loss barely depends on C, or its roots are on the
-    /// unit circle, a search may end without a minimum and yet leave nothing to gain.
+    /// Predicted reduction of rows·ln(loss) by the quadratic model at the end: 0 at a minimum. A search may end without a minimum and with a negligible
+    /// reduction. The loss then barely depends on C, or roots of C are on the unit circle.
     pub to_gain: f64,
 }
 
@@ -60,7 +60,7 @@ pub struct ArmaxScan {
     pub rows: usize,
 }
 
-/// A stretch of rows t = first … whose past outputs and inputs are all there.
+/// A stretch of rows t = first … whose past outputs and inputs are complete.
 struct ArmaxStretch<'a> {
     rows: usize,
     /// y(first − na) … and u(first − most) …
@@ -68,16 +68,16 @@ struct ArmaxStretch<'a> {
     u: &'a [f64],
     yf: Vec<f64>,
     uf: Vec<f64>,
-    /// nc zeros and the impulse response of 1/C, as far as it is more than rounding.
+    /// nc zeros and the impulse response of 1/C down to rounding.
     impulse: Vec<f64>,
-    /// What an error before the stretch, the last one first, adds to (A y − B u)/C: as long as the impulse response.
+    /// The effect of an error before the stretch, the last one first, on (A y − B u)/C: as long as the impulse response.
     before: Vec<Vec<f64>>,
     /// nc errors before the stretch, then its own.
     e: Vec<f64>,
 }
 
 impl ArmaxStretch<'_> {
-    /// The signal whose filtered samples begin `from` samples before `x(t − lag)` at the first row does, as if it had been zero before that row.
+    /// The column of a filtered signal that begins `from` samples before `x(t − lag)` at the first row, with zeros before that row.
     fn column(&self, filtered: &[f64], from: usize, c: &[f64]) -> Vec<f64> {
         let mut column = filtered[from..from + self.rows].to_vec();
         for k in 0..c.len() {
@@ -100,7 +100,7 @@ struct ArmaxProblem<'a> {
     /// The largest input lag of any delay.
     most: usize,
     stretches: Vec<ArmaxStretch<'a>>,
-    /// First input lag and number of input coefficients of the model at hand.
+    /// First input lag and number of input coefficients of the current model.
     nk: usize,
     m: usize,
     /// Σ y².
@@ -112,9 +112,9 @@ struct ArmaxProblem<'a> {
     linear: DVector<f64>,
 }
 
-/// A relative ridge of rounding size, so that columns that repeat others need no rank decision: their sum is what matters.
+/// A relative ridge of rounding size: linearly dependent columns need no rank decision, because only their sum matters.
 const RIDGE: f64 = 1e-13;
-/// Below this share of the signal's power the solution is refined on its residual: the first solution's rounding is larger.
+/// Below this share of the signal's power the solution is refined on its residual, because the first solution's rounding is larger.
 const REFINE: f64 = 1e-9;
 
 impl<'a> ArmaxProblem<'a> {
@@ -132,7 +132,7 @@ impl<'a> ArmaxProblem<'a> {
                     continue;
                 }
                 let first = (from + na).max(most);
-                // A stretch must say more than it asks for.
+                // A stretch must have more rows than unknowns.
                 if t > first + nc {
                     let (rows, y, u) =
                         (t - first, &record.y[first - na..t], &record.u[first - most..t]);
@@ -211,7 +211,7 @@ impl<'a> ArmaxProblem<'a> {
         Some(sum / rows)
     }
 
-    /// Past outputs, then inputs, of the model at hand.
+    /// Past outputs, then inputs, of the current model.
     fn columns(&self, s: &ArmaxStretch<'a>) -> Vec<Vec<f64>> {
         let (na, most) = (self.orders.na, self.most);
         let outputs = (1..=na).map(|i| s.column(&s.yf, na - i, &self.c));
@@ -219,8 +219,8 @@ impl<'a> ArmaxProblem<'a> {
         outputs.chain(inputs).collect()
     }
 
-    /// Solves for A, B and the errors before each stretch with the signals filtered; leaves e in the stretches. The factor of the Gram matrix of A's and B's
-    /// columns, the contribution of the errors before the stretch removed, and Σ e².
+    /// Solves for A, B and the errors before each stretch on the filtered signals; stores e in the stretches. Returns the factor of the Gram matrix of A's and
+    /// B's columns, with the errors before the stretch eliminated, and Σ e².
     fn project(&mut self) -> Option<(Gram, f64)> {
         let (na, nc) = (self.orders.na, self.orders.nc);
         let mut stretches = std::mem::take(&mut self.stretches);
@@ -259,14 +259,14 @@ impl<'a> ArmaxProblem<'a> {
         Some(Gram { factor: ridged(whole).cholesky()?, blocks })
     }
 
-    /// Takes off e what the columns explain of it; adds to the linear coefficients.
+    /// Subtracts from e its projection on the columns; adds it to the linear coefficients.
     fn step(&mut self, stretches: &mut [ArmaxStretch<'a>], gram: &Gram) -> f64 {
         let nc = self.orders.nc;
         let mut right = DVector::zeros(self.linear.len());
         let mut of_before = Vec::with_capacity(stretches.len());
         for (s, block) in stretches.iter().zip(&gram.blocks) {
             let (past, target) = s.e.split_at(nc);
-            // What is already taken off as errors before weighs against more of it.
+            // The estimate so far of the errors before the stretch penalises a further increase.
             let before = DVector::from_fn(nc, |j, _| {
                 dot(&s.before[j], &target[..s.before[j].len()]) - past[nc - 1 - j]
             });
@@ -316,13 +316,13 @@ impl<'a> ArmaxProblem<'a> {
         let mut cross = DMatrix::zeros(self.linear.len(), nc);
         let mut moved = vec![Vec::new(); nc];
         for (s, block) in self.stretches.iter_mut().zip(&gram.blocks) {
-            // de/dcᵢ = −(1/C) e(t − i), nothing of it before the stretch.
+            // de/dcᵢ = −(1/C) e(t − i), with zeros before the stretch.
             for i in 0..nc {
                 let mut own = std::mem::take(&mut moved[i]);
                 own.resize(s.rows, 0.0);
                 match i.checked_sub(1).map(|last| &moved[last]) {
                     None => filter(&s.e[nc - 1..][..s.rows], c, &mut own),
-                    // One sample later, and what the error that came in first leaves.
+                    // One sample later, plus the effect of the first error.
                     Some(last) => {
                         own[0] = 0.0;
                         own[1..].copy_from_slice(&last[..s.rows - 1]);
@@ -362,7 +362,7 @@ impl<'a> ArmaxProblem<'a> {
         })
     }
 
-    /// The second stage of Hannan and Rissanen: `errors` of a long ARX model, one per row of each stretch, as if they were measured.
+    /// The second stage of Hannan and Rissanen: `errors` of a long ARX model, one per row of each stretch, serve as measured.
     fn start_by_errors(&mut self, errors: &[Vec<f64>]) -> Option<Vec<f64>> {
         let nc = self.orders.nc;
         self.filter(&vec![0.0; nc]);
@@ -380,7 +380,7 @@ impl<'a> ArmaxProblem<'a> {
         reflected(&c).filter(|c| is_stable(c))
     }
 
-    /// The errors of the ARX model whose coefficients (−a, then b from lag `nk` on) are given, 0 where a row does not see all of them.
+    /// The errors of the ARX model with given coefficients (−a, then b from lag `nk` on). Errors are 0 where a row lacks some of its regressors.
     fn long_errors(&self, na: usize, nk: usize, coefficients: &[f64]) -> Vec<Vec<f64>> {
         let (own, most) = (self.orders.na, self.most);
         let each = |s: &ArmaxStretch<'a>| {
@@ -415,7 +415,7 @@ struct Gram {
     blocks: Vec<Block>,
 }
 
-/// Products of two lists of signals; what is shorter is zero beyond its end.
+/// Products of two lists of signals; a shorter signal is zero beyond its end.
 fn products(a: &[Vec<f64>], b: &[Vec<f64>]) -> DMatrix<f64> {
     let short = |a: &[f64], b: &[f64]| {
         let rows = a.len().min(b.len());
@@ -437,14 +437,14 @@ fn squares(a: &[Vec<f64>]) -> DMatrix<f64> {
 
 /// Step of the differences of ln det.
 const DIFFERENCE: f64 = 1e-6;
-/// An impulse response that stays below this adds nothing to a signal that rounding would not take again …
+/// An impulse response below this value is lost in rounding …
 const NOTHING: f64 = 1e-20;
-/// … and its squares nothing to the square of its first value, 1.
+/// … and its squares are negligible against the square of its first value, 1.
 const NO_SQUARE: f64 = 1e-10;
-/// Rows after which the errors before a stretch count as forgotten.
+/// Rows after which the errors before a stretch have decayed.
 const REMEMBERED: usize = 1000;
 
-/// ln det(I + SᵀS), S what the errors before add to `rows` of 1/C.
+/// ln det(I + SᵀS), S the effect of the errors before on `rows` of 1/C.
 fn ln_determinant(c: &[f64], rows: usize) -> Option<f64> {
     let nc = c.len();
     let mut h = Vec::new();
@@ -476,12 +476,12 @@ fn ridged(mut gram: DMatrix<f64>) -> DMatrix<f64> {
     gram
 }
 
-/// Past outputs of the long ARX model that stands for the errors, and for a bound of the losses, before C is known.
+/// Past outputs of the long ARX model, which approximates the errors and bounds the losses before C is known.
 const LONG: usize = 20;
-/// A delay whose long ARX model is e^−60 as probable as the best is not searched further: its weight is nothing, whatever C.
+/// A delay is skipped if its long ARX model is e^−60 as probable as the best: its weight is negligible for any C.
 const HOPELESS: f64 = 120.0;
 
-/// Noise polynomials that between them are near most: roots at one place, from fast to slow.
+/// Noise polynomials close to most others: roots at one place, from fast to slow.
 fn table(nc: usize) -> Vec<Vec<f64>> {
     let binomial = |root: f64| {
         let mut c = vec![1.0];
@@ -500,7 +500,7 @@ fn table(nc: usize) -> Vec<Vec<f64>> {
     [0.0, 0.6, 0.9, -0.5].into_iter().map(binomial).collect()
 }
 
-/// What a scan knows before it searches.
+/// Precomputed data of a scan.
 struct ScanKnown<'a> {
     /// The errors of the best long ARX model.
     errors: &'a [Vec<f64>],
@@ -511,8 +511,7 @@ struct ScanKnown<'a> {
     rows: f64,
 }
 
-/// Searches from `start` at the problem's delay and number of coefficients (only evaluates there,
-/// if so wished), and keeps what is better.
+/// Searches from `start` at the problem's delay and number of coefficients, or only evaluates there on request; keeps the better result.
 fn improve(
     problem: &mut ArmaxProblem<'_>,
     fits: &mut [Vec<Option<ArmaxFit>>],
@@ -536,7 +535,7 @@ fn improve(
 }
 
 impl Armax {
-    /// Least rows of a scan: twice the parameters.
+    /// Minimum number of rows of a scan: twice the parameters.
     #[must_use]
     pub fn rows_needed(&self) -> usize {
         2 * (self.na + self.nb + self.nc)
@@ -548,7 +547,7 @@ impl Armax {
         self.scan_until(records, first, max_delay, &Stop::default())
     }
 
-    /// [`Self::scan`] that breaks off once it is wished; what it gives then says nothing.
+    /// [`Self::scan`] with cancellation; a cancelled scan has no valid result.
     #[must_use]
     pub fn scan_until(
         &self,
@@ -594,9 +593,8 @@ impl Armax {
         ArmaxScan { fits, without_input, power, rows: problem.rows }
     }
 
-    /// Noise polynomials to search from at the problem's delay and number of coefficients: on the
-    /// way up the best of the table, the neighbour's and that of one coefficient
-    /// less; on the way back the neighbour's.
+    /// Initial noise polynomials at the problem's delay and number of coefficients. Upwards: the best of the table, the neighbour's, and that of one
+    /// coefficient less. Downwards: the neighbour's.
     fn starts(
         &self,
         problem: &mut ArmaxProblem<'_>,
@@ -616,7 +614,7 @@ impl Armax {
             let near = |f: &ArmaxFit| {
                 known.rows * (f.loss / smallest.max(f64::MIN_POSITIVE)).ln() <= HOPELESS
             };
-            // On the way back a delay that the long model wrongly gave up is searched after all.
+            // The downward pass also searches delays that the long model wrongly excluded.
             return match &fits[nk][m - 1] {
                 Some(fit) if !upwards && near(fit) => {
                     let seeds = self.seeds(problem, std::iter::once(nk), fits.len());
@@ -670,7 +668,7 @@ impl Armax {
         fits.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss))
     }
 
-    /// The costs of the table's noise polynomials at these of all `delays`: each filters the signals once for all of them.
+    /// The costs of the table's noise polynomials at all `delays`: each filters the signals once for all delays.
     fn seeds(
         &self,
         problem: &mut ArmaxProblem<'_>,
@@ -692,7 +690,7 @@ impl Armax {
         seeds
     }
 
-    /// The best of the starts that need no other fit.
+    /// The best of the starts that are independent of other fits.
     fn best_seed(
         &self,
         problem: &mut ArmaxProblem<'_>,
@@ -703,7 +701,7 @@ impl Armax {
         seeds.iter().cloned().chain(own).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, c)| c)
     }
 
-    /// The prediction errors of a fitted model and the inputs at the same rows, stretch after stretch; nothing where it cannot be evaluated.
+    /// The prediction errors of a fitted model and the inputs at the same rows, stretch by stretch; empty where the model cannot be evaluated.
     #[must_use]
     pub fn residuals(
         &self,
@@ -789,7 +787,7 @@ mod tests {
         Record { present, ..Record::new(u, y) }
     }
 
-    /// The oracle: generalised least squares with the covariance matrix written out.
+    /// The oracle: generalised least squares with the explicit covariance matrix.
     fn direct(
         record: &Record,
         stretches: &[(usize, usize)],

@@ -19,7 +19,7 @@ pub struct ArxScan {
     pub power: f64,
     /// Rows behind every loss.
     pub rows: usize,
-    /// Independent columns among the `nb` of the input, past outputs removed, for every nk.
+    /// Number of independent columns among the `nb` of the input, with past outputs projected out, for every nk.
     pub input_rank: Vec<usize>,
     /// Σ e²/rows with only the last 1, 2, … nb of the input's coefficients: `by_count[nk][m − 1]` has m of them, from lag nk on.
     pub by_count: Vec<Vec<f64>>,
@@ -27,8 +27,8 @@ pub struct ArxScan {
 
 /// ARX(na, nb, nk) for nk = 0 … `max_delay`.
 ///
-/// The rows are those that the longest delay has, so that losses compare. One triangular factor of all lags is made, by lag products in O(N·(na + lags));
-/// each delay then costs a least-squares problem of nb columns inside that triangle, whatever N is.
+/// All delays use the rows of the longest delay, so that losses are comparable. One triangular factor of all lags comes from lag products in O(N·(na + lags)).
+/// Each delay then costs a least-squares problem of nb columns inside that triangle, independent of N.
 ///
 /// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2 and 10.1; MATLAB `arxstruc`.
 #[must_use]
@@ -38,7 +38,7 @@ pub fn scan(records: &[Record], na: usize, nb: usize, max_delay: usize) -> ArxSc
     read(&regression.factor(records), na, nb, max_delay)
 }
 
-/// The lags of an output and of several inputs, for ARX models in which every input has a delay of its own.
+/// The lags of an output and of several inputs, for ARX models with one delay per input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointArx {
     triangle: Triangle,
@@ -54,7 +54,7 @@ impl JointArx {
         Self { triangle: Regression { na, lags: max_delay + nb }.joint(inputs), na, nb, max_delay }
     }
 
-    /// The scan of one input, the coefficients of the `others` (input and delay) fitted jointly in every model; they stand behind those of past outputs.
+    /// The scan of one input. Every model also fits the coefficients of the `others` (input and delay), which follow those of past outputs.
     #[must_use]
     pub fn scan(&self, input: usize, others: &[(usize, usize)]) -> ArxScan {
         let Self { triangle, na, nb, max_delay } = self;
@@ -68,7 +68,7 @@ impl JointArx {
         let beside = columns.len();
         columns.extend(of(input, 0, lags));
         columns.push(last);
-        // The factor stands for the rows: fewer columns of it have a factor of their own.
+        // The factor replaces the rows: fewer columns of it have a factor of their own.
         let mut r = DMatrix::zeros(columns.len().max(last + 1), columns.len());
         r.rows_mut(0, last + 1).copy_from(&triangle.r.select_columns(&columns));
         let triangle = Triangle {
@@ -79,7 +79,8 @@ impl JointArx {
         read(&triangle, beside, *nb, *max_delay)
     }
 
-    /// One delay per input by coordinate descent from the delays given: each input's best one with the others held, until none moves. No delay is below `first`.
+    /// One delay per input by coordinate descent from the given delays: each input's best one with the others fixed, until convergence. No delay is below
+    /// `first`.
     #[must_use]
     pub fn descend(&self, mut delays: Vec<usize>) -> Vec<usize> {
         for _ in 0..SWEEPS {
@@ -104,14 +105,14 @@ pub fn beside(delays: &[usize], input: usize) -> Vec<(usize, usize)> {
     delays.iter().copied().enumerate().filter(|(other, _)| *other != input).collect()
 }
 
-/// Sweeps of a coordinate descent over delays; each lowers the loss or is the last.
+/// Largest number of sweeps of a coordinate descent over delays; a sweep that does not lower the loss is the last.
 const SWEEPS: usize = 20;
 
 /// The scan in a triangular factor whose first `na` columns are in every model.
 fn read(triangle: &Triangle, na: usize, nb: usize, max_delay: usize) -> ArxScan {
     let (r, norms) = (&triangle.r, &triangle.norms);
     let last = na + max_delay + nb;
-    // Rows that the past outputs use up; where one of them repeats the others, its row stays with the input.
+    // Rows that the past outputs occupy; the row of a dependent output is left to the input.
     let (used, free): (Vec<usize>, Vec<usize>) =
         (0..na).partition(|&i| r[(i, i)].abs() > DEPENDENT * norms[i]);
     let rows = triangle.rows.max(1) as f64;
@@ -138,7 +139,7 @@ fn read(triangle: &Triangle, na: usize, nb: usize, max_delay: usize) -> ArxScan 
         let small: Vec<f64> = (0..nb).map(|j| DEPENDENT * norms[na + nk + j]).collect();
         let solved = least_squares::solve(&mut columns, &mut target, &small);
         scan.loss.push((solved.residual + below) / rows);
-        // Each column takes its own share off the loss: leaving the later ones out gives the shorter numerators.
+        // Each column subtracts its own share from the loss: omitting the later ones gives the shorter numerators.
         let mut residual = solved.residual + below;
         let mut counts: Vec<f64> = vec![residual / rows];
         for share in solved.shares.iter().skip(1).rev() {
@@ -148,7 +149,7 @@ fn read(triangle: &Triangle, na: usize, nb: usize, max_delay: usize) -> ArxScan 
         counts.reverse();
         scan.by_count.push(counts);
         scan.input_rank.push(solved.rank);
-        // Past outputs by back substitution in the rows they use.
+        // Past outputs by back substitution in the rows they occupy.
         let mut coefficients = vec![0.0; na];
         for &i in used.iter().rev() {
             let inputs: f64 = (0..nb).map(|j| r[(i, na + nk + j)] * solved.coefficients[j]).sum();

@@ -1,4 +1,4 @@
-//! Why no model can be had from a log.
+//! Errors that prevent the identification of a model from a log.
 
 use crate::matching::error::MatchingError;
 use crate::structured::error::StructuredError;
@@ -18,7 +18,7 @@ use deadtime_signal::sum;
 use deadtime_signal::time::TimeError;
 
 sum!(
-    /// Whatever keeps a model from being identified.
+    /// Any error of the identification.
     Error {
         Identify(IdentifyError),
         Structured(StructuredError),
@@ -42,7 +42,7 @@ flatten!(deadtime_model::Error => Error { Model, Derived, Simulate, Effect, Sign
 /// The result of an identification.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// A model that cannot be identified; every variant holds the facts, every message says what to do.
+/// A model that cannot be identified; every variant holds facts, every message gives the remedy.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum IdentifyError {
@@ -58,12 +58,12 @@ pub enum IdentifyError {
         /// The channel.
         channel: String,
     },
-    /// A channel that never moves.
+    /// A constant channel.
     #[error("`{channel}` never changes in the training data: {remedy}")]
     Constant {
         /// The channel.
         channel: String,
-        /// What to do about an input, or about an output.
+        /// The remedy for an input, or for an output.
         remedy: &'static str,
     },
     /// Logs of different sample times.
@@ -86,12 +86,12 @@ pub enum IdentifyError {
         past: usize,
         /// Rows needed.
         needed: usize,
-        /// Rows there are.
+        /// Rows available.
         got: usize,
-        /// The longest past window that these data carry; 0: none.
+        /// The longest past window that these data support; 0: none.
         longest: usize,
     },
-    /// Inputs of which one is a combination of the others.
+    /// Inputs of which one is a linear combination of the others.
     #[error(
         "the input `{channel}` is a combination of the other inputs ({others}) at every sample: their effects are indistinguishable; \
              leave it out or move it on its own"
@@ -102,7 +102,7 @@ pub enum IdentifyError {
         /// The others.
         others: String,
     },
-    /// An input that excites fewer directions than the model has.
+    /// An input with a lower order of persistent excitation than the model needs.
     #[error(
         "the inputs are not rich enough: `{channel}` is distinguishable from its own past at {orders} lags only, and an order of {needed} needs more; \
          use an excitation such as a random binary or multisine signal (deadtime excite)"
@@ -112,22 +112,22 @@ pub enum IdentifyError {
         channel: String,
         /// The order of persistent excitation.
         orders: usize,
-        /// What the model asks for.
+        /// The order that the model needs.
         needed: usize,
     },
-    /// An order that the windows cannot show.
+    /// An order that the windows cannot resolve.
     #[error(
         "order {order}: a past window of {past} samples shows at most {most} states; choose a smaller order or a longer past"
     )]
     Order {
-        /// The order asked for.
+        /// The requested order.
         order: usize,
         /// The past window, samples.
         past: usize,
-        /// Most states.
+        /// Largest number of states.
         most: usize,
     },
-    /// Records that are too short for a frequency response.
+    /// Records too short for a frequency response.
     #[error(
         "{method}: a record of at least {needed} samples is needed, and there are {got}; record longer, or lower what its options ask for"
     )]
@@ -136,10 +136,10 @@ pub enum IdentifyError {
         method: &'static str,
         /// Samples needed.
         needed: usize,
-        /// Samples there are.
+        /// Samples available.
         got: usize,
     },
-    /// Inputs that excite no frequency.
+    /// Inputs without excitation at any frequency.
     #[error(
         "the input `{inputs}` excites no frequency enough for a response and its noise; \
          use an excitation that fills its band, such as a random binary signal (deadtime excite)"
@@ -148,7 +148,7 @@ pub enum IdentifyError {
         /// The inputs.
         inputs: String,
     },
-    /// Another number of references than of inputs.
+    /// Unequal numbers of references and inputs.
     #[error("{references} references for {inputs} inputs; name one reference for each input")]
     References {
         /// References named.
@@ -156,7 +156,7 @@ pub enum IdentifyError {
         /// Inputs named.
         inputs: usize,
     },
-    /// References that do not move the inputs.
+    /// References without a significant effect on the inputs.
     #[error(
         "the references do not move the inputs beyond noise at any frequency; name what is fed into the loop from outside, or excite it more"
     )]
@@ -168,10 +168,10 @@ pub enum IdentifyError {
         option: &'static str,
         /// The value.
         value: f64,
-        /// What it must be.
+        /// The valid range.
         rule: &'static str,
     },
-    /// A method of one output and several outputs.
+    /// A method for one output, with several outputs.
     #[error(
         "{method} makes a model of one output, and {outputs} are named; run it once for each of them, or use pbsidopt"
     )]
@@ -181,7 +181,7 @@ pub enum IdentifyError {
         /// Outputs named.
         outputs: usize,
     },
-    /// A method of one input and several inputs.
+    /// A method for one input, with several inputs.
     #[error(
         "{method} makes a model of one input, and {inputs} are named; riv takes several (common poles), and so does pbsidopt"
     )]
@@ -191,7 +191,7 @@ pub enum IdentifyError {
         /// Inputs named.
         inputs: usize,
     },
-    /// A delay given to a method that finds the delays itself.
+    /// A delay given to a method that estimates the delays itself.
     #[error("{}", self.remedied().unwrap_or_default())]
     OwnDelays {
         /// The method.
@@ -202,7 +202,7 @@ pub enum IdentifyError {
     Unfit {
         /// The method.
         method: &'static str,
-        /// Why, and what to do.
+        /// The reason, and the remedy.
         reason: String,
     },
     /// The inputs explain nothing, or a decomposition failed.
@@ -210,7 +210,7 @@ pub enum IdentifyError {
     Numeric {
         /// The method.
         method: &'static str,
-        /// What went wrong.
+        /// The failure.
         reason: &'static str,
     },
 }

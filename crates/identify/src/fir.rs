@@ -17,7 +17,7 @@ pub struct Fir {
     pub rows: usize,
 }
 
-/// y(t) = Σ hᵢ u(t − i) + e(t), i < taps, over the rows that see no sample before the record.
+/// y(t) = Σ hᵢ u(t − i) + e(t), i < taps, over the rows that need no sample before the record.
 ///
 /// Covariance: residual variance times the inverse Gram matrix, as MATLAB's `arx` with na = 0 reports.
 /// Source: Ljung (1999), "System Identification", 2nd ed., section 4.2.

@@ -1,4 +1,4 @@
-//! Finite impulse responses that are expected to die out smoothly.
+//! Finite impulse responses with a smooth, decaying prior.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,7 +9,7 @@ use super::regression::{Record, Regression};
 pub struct RegularisedFir {
     /// Posterior mean of h₀ … h_taps−1.
     pub coefficients: DVector<f64>,
-    /// Posterior covariance: the uncertainty of h itself under the prior. The spread of the coefficients from record to record is smaller.
+    /// Posterior covariance: the uncertainty of h itself under the prior. The coefficients vary less between records.
     pub covariance: DMatrix<f64>,
     /// Noise variance.
     pub variance: f64,
@@ -21,11 +21,11 @@ pub struct RegularisedFir {
     pub rows: usize,
 }
 
-/// The regression of all taps, reduced to sums, so that a likelihood costs O(taps³) whatever the number of samples.
+/// The regression of all taps, reduced to sums, so that a likelihood costs O(taps³) for any number of samples.
 pub struct Evidence {
     taps: usize,
     rows: f64,
-    /// CᵀC, column j of C being the sum of regressors 0 … j: coefficients as running sums from their end.
+    /// CᵀC, where column j of C is the sum of regressors 0 … j: coefficients are running sums from their end.
     gram: DMatrix<f64>,
     /// Cᵀy.
     right: DVector<f64>,
@@ -50,7 +50,7 @@ impl Prior {
     }
 }
 
-/// The increments of a response as the unknowns, A their columns in the regression.
+/// The increments of a response as unknowns, with their columns A in the regression.
 struct System {
     /// I + γAᵀA.
     factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
@@ -63,11 +63,11 @@ struct System {
 /// Residual variance below this share of the output's is rounding.
 const ROUNDING: f64 = 1e-13;
 
-/// Rounds of finding the start and tuning the prior for it.
+/// Alternating rounds of the start and the prior's tuning for it.
 const ROUNDS: usize = 3;
 
 impl Evidence {
-    /// `None` where no row is there or a number overflows.
+    /// `None` without rows, or where a value overflows.
     pub fn new(records: &[Record], taps: usize) -> Option<Self> {
         let triangle = Regression { na: 0, lags: taps }.factor(records);
         let r = triangle.r.view((0, 0), (taps, taps));
@@ -94,7 +94,7 @@ impl Evidence {
         .then_some(evidence)
     }
 
-    /// Standard deviations of the increments h(i) − h(i + 1) of a response from `start` on, in units of √c; the last coefficient stands alone.
+    /// Standard deviations, in units of √c, of the increments h(i) − h(i + 1) of a response from `start` on. The last increment is h itself.
     fn increments(&self, start: usize, prior: Prior) -> DVector<f64> {
         let (count, lambda) = (self.taps - start, prior.lambda());
         DVector::from_fn(count, |j, _| {
@@ -103,11 +103,11 @@ impl Evidence {
         })
     }
 
-    /// What the increments of a response from `start` on have to do with the data.
+    /// The normal equations for the increments of a response from `start` on.
     fn system(&self, start: usize, prior: Prior) -> Option<System> {
         let weights = self.increments(start, prior);
         let gamma = prior.scale.exp() / self.unit;
-        // Regressors before the start drop out of every sum.
+        // Regressors before the start are absent from every sum.
         let (g, left) = (&self.gram, start.checked_sub(1));
         let entry = |i: usize, j: usize| {
             let (i, j) = (i + start, j + start);
@@ -123,7 +123,7 @@ impl Evidence {
         Some(System { factor: system.cholesky()?, right, weights })
     }
 
-    /// −2·ln of the marginal likelihood, the noise variance at its own maximum, of a response that begins at `start`.
+    /// −2·ln of the marginal likelihood of a response that begins at `start`, maximised over the noise variance.
     ///
     /// Source: Chen, Ohlsson and Ljung (2012), doi:10.1016/j.automatica.2012.05.026, section 4.
     pub fn misfit(&self, start: usize, prior: Prior) -> f64 {
@@ -136,7 +136,7 @@ impl Evidence {
         self.rows * left.max(ROUNDING * self.power).ln() + 2.0 * determinant
     }
 
-    /// The prior under which the data are most likely, of a response that begins at `start`; `near` one that is known.
+    /// The prior of largest marginal likelihood for a response that begins at `start`; `near` is an initial value.
     pub fn tune(&self, start: usize, near: Option<Prior>) -> Prior {
         let mut best = near.unwrap_or(Prior { decay: -2.0, scale: 0.0 });
         let mut least = self.misfit(start, best);
@@ -173,8 +173,7 @@ impl Evidence {
         best
     }
 
-    /// The misfit of a response that begins at each delay up to `longest`, with the prior tuned for
-    /// the best of them, from `start` and `prior` on.
+    /// The misfit of a response that begins at each delay up to `longest`. The prior is tuned for the best of them, starting at `start` and `prior`.
     #[must_use]
     pub fn misfits(&self, mut start: usize, mut prior: Prior, longest: usize) -> Vec<f64> {
         let mut misfits = Vec::new();
@@ -215,7 +214,7 @@ impl Evidence {
     }
 }
 
-/// A response of `taps` coefficients under the TC prior, its hyperparameters by marginal likelihood; `None` where the records hold no row.
+/// A response of `taps` coefficients under the TC prior, its hyperparameters by marginal likelihood; `None` where the records have no row.
 ///
 /// Source: Chen, Ohlsson and Ljung (2012), "On the estimation of transfer functions, regularizations and Gaussian processes - revisited", Automatica 48(8), 1525-1535,
 /// doi:10.1016/j.automatica.2012.05.026.
@@ -265,7 +264,7 @@ mod tests {
                 (evidence.misfit(start, prior) - expected).abs() < 1e-6 * expected.abs(),
                 "{start}"
             );
-            // The posterior as the textbook writes it: KΦᵀ(ΦKΦᵀ + I/γ)⁻¹y, and K less what the data took off it.
+            // The posterior in textbook form: KΦᵀ(ΦKΦᵀ + I/γ)⁻¹y, and K minus the reduction by the data.
             let gain = gamma * &kernel * phi.transpose() * inverse;
             let posterior = evidence.response(start, prior).unwrap();
             assert!((&posterior.coefficients - &gain * &y).amax() < 1e-8);

@@ -11,11 +11,11 @@ use deadtime_signal::stop::Stop;
 
 /// Orders of the model.
 ///
-/// Each round simulates B/F u, the noise-free output; fits an autoregression D to the residual; filters input, output and simulation by D/F; and solves for F and B
-/// with the filtered simulation as instruments. Poles outside the unit circle are mirrored into it before the next round. Of all rounds the one with the smallest
-/// loss Σ(D v)²/rows, v = y − B/F u, is the answer, because rounds need not end where the model is too small for the data.
+/// Each round simulates the noise-free output B/F u and fits an autoregression D to the residual. The round filters input, output and simulation by D/F, and
+/// solves for F and B with the filtered simulation as instruments. Poles outside the unit circle are mirrored into it before the next round. The result is the
+/// round with the smallest loss Σ(D v)²/rows, v = y − B/F u. For too small a model, the last round may be worse.
 ///
-/// Source: Young (2011), "Recursive Estimation and Time-Series Analysis", 2nd ed., chapter 7 (RIV with autoregressive noise), doi:10.1007/978-3-642-21981-8;
+/// Source: Young (2011), "Recursive Estimation and Time-Series Analysis", 2nd ed., chapter 7 (RIV with autoregressive noise), doi:10.1007/978-3-642-21981-8.
 /// Ljung (1999), "System Identification", 2nd ed., section 7.6.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RefinedIv {
@@ -38,23 +38,23 @@ pub struct IvFit {
     pub f: Vec<f64>,
     /// d₁ … of D = 1 + d₁q⁻¹ + …
     pub d: Vec<f64>,
-    /// The rounds ended because nothing changed any more.
+    /// The rounds converged.
     pub converged: bool,
 }
 
-/// Rounds; where they converge at all, some ten suffice.
+/// Largest number of rounds; where they converge at all, about ten suffice.
 const ROUNDS: usize = 30;
-/// Largest change of a pole polynomial's coefficient between rounds that counts as none.
+/// Largest change of a pole polynomial's coefficient between converged rounds.
 const SETTLED: f64 = 1e-6;
-/// Relative change of the loss between rounds that counts as none: a thousandth of what tells delays apart, at a million samples.
+/// Relative change of the loss between converged rounds: a thousandth of the resolution between delays, at a million samples.
 const LEVEL: f64 = 1e-9;
-/// Steps of [`RefinedIv::polished`], and the fall of the sum of squares, over the noise's variance, below which no further one is made: a thousandth of a
-/// standard deviation, squared.
+/// Largest number of steps of [`RefinedIv::polished`]. The steps end when the predicted fall of the sum of squares, over the noise's variance, is below (1e-3
+/// standard deviations)².
 const STEPS: usize = 20;
 const SMALL: f64 = 1e-6;
-/// Corners of the filters of [`RefinedIv::filtered_starts`], rad per sample.
+/// Corner frequencies of the filters of [`RefinedIv::filtered_starts`], rad per sample.
 const CORNERS: [f64; 5] = [0.01, 0.03, 0.1, 0.3, 1.0];
-/// A relative ridge of rounding size stands for a rank decision.
+/// A relative ridge of rounding size replaces a rank decision.
 const RIDGE: f64 = 1e-13;
 
 fn solve(mut gram: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
@@ -70,7 +70,7 @@ fn through(x: &[f64], f: &[f64]) -> Vec<f64> {
     out
 }
 
-/// D x, x being zero before the record.
+/// D x, with x zero before the record.
 pub(crate) fn whitened(x: &[f64], d: &[f64]) -> Vec<f64> {
     if let &[d1, d2, d3, d4] = d {
         let padded = [&[0.0; 4], x].concat();
@@ -88,13 +88,13 @@ pub(crate) fn whitened(x: &[f64], d: &[f64]) -> Vec<f64> {
     out
 }
 
-/// The product of x(t − i) and y(t − j) over a record, both zero before it.
+/// The sum of x(t − i)·y(t − j) over a record, both zero before it.
 fn lagged(x: &[f64], y: &[f64], i: usize, j: usize) -> f64 {
     let (n, most) = (x.len(), i.max(j));
     if most >= n { 0.0 } else { dot(&x[most - i..n - i], &y[most - j..n - j]) }
 }
 
-/// The autoregression that predicts the signals best, and Σ of its squared errors from row `order` on.
+/// The best autoregression of the signals, and Σ of its squared errors from row `order` on.
 fn autoregression(signals: &[Vec<f64>], order: usize) -> Option<(Vec<f64>, f64)> {
     let mut products = DMatrix::zeros(order + 1, order + 1);
     let long = || signals.iter().filter(|v| v.len() > order);
@@ -112,14 +112,14 @@ fn autoregression(signals: &[Vec<f64>], order: usize) -> Option<(Vec<f64>, f64)>
     Some((d, loss))
 }
 
-/// One input of a model: its samples by record (`None`: zero throughout), the lag of its first coefficient and how many there are.
+/// One input of a model: its samples by record (`None`: zero throughout), the lag of its first coefficient, and their number.
 pub struct IvInput<'a> {
     pub samples: Vec<Option<Cow<'a, [f64]>>>,
     pub lag: usize,
     pub count: usize,
 }
 
-/// What is fitted to what: every input, and the outputs by record.
+/// The data of a fit: every input, and the outputs by record.
 pub struct IvProblem<'a> {
     pub inputs: Vec<IvInput<'a>>,
     pub outputs: Vec<&'a [f64]>,
@@ -163,13 +163,13 @@ struct Filtered<'a> {
     uf: Vec<Option<Vec<f64>>>,
 }
 
-/// And with D given: all through it, the inputs divided by F before.
+/// The same with D: all signals filtered by D, the inputs already divided by F.
 struct White {
     u: Vec<Option<Vec<f64>>>,
     y: Vec<f64>,
 }
 
-/// Inputs, output and the simulated output, which is its instrument, all through the same filter.
+/// Inputs, output and simulated output (the instrument), all through the same filter.
 struct Regressors {
     u: Vec<Option<Vec<f64>>>,
     y: Vec<f64>,
@@ -191,7 +191,7 @@ impl White {
         self.y.iter().zip(combined(&self.u, places, b, self.y.len())).map(|(y, x)| y - x).collect()
     }
 
-    /// All by D/F: the inputs are already.
+    /// All signals filtered by D/F; the inputs already are.
     fn regressors(self, f: &[f64], places: &[(usize, usize)], b: &[f64]) -> Regressors {
         let Self { u, y } = self;
         let simulated = combined(&u, places, b, y.len());
@@ -201,7 +201,7 @@ impl White {
     }
 }
 
-/// Σ b·u(t − lag) over all coefficients, the inputs being zero before the record.
+/// Σ b·u(t − lag) over all coefficients, with inputs zero before the record.
 fn combined(
     u: &[Option<Vec<f64>>],
     places: &[(usize, usize)],
@@ -218,13 +218,13 @@ fn combined(
 }
 
 impl RefinedIv {
-    /// The best model for nk = 0 … `max_delay`, on records that begin at rest and have no missing sample; `None` for a delay that has none.
+    /// The best model for nk = 0 … `max_delay`, on records that begin at rest without missing samples. `None` for a delay without a model.
     #[must_use]
     pub fn scan(&self, records: &[Record], max_delay: usize) -> Vec<Option<IvFit>> {
         self.scan_until(records, max_delay, &Stop::default())
     }
 
-    /// [`Self::scan`] that breaks off once it is wished; what it gives then says nothing.
+    /// [`Self::scan`] with cancellation; a cancelled scan has no valid result.
     #[must_use]
     pub fn scan_until(
         &self,
@@ -273,7 +273,7 @@ impl RefinedIv {
         rows.max(1) as f64
     }
 
-    /// Σ over rows of instruments times regressors, and of instruments times the output; with `symmetric` the instruments are the regressors too.
+    /// Σ over rows of instruments times regressors, and of instruments times the output. With `symmetric` the regressors are their own instruments.
     fn products(
         &self,
         signals: &[Regressors],
@@ -304,13 +304,13 @@ impl RefinedIv {
         (cross, right)
     }
 
-    /// F with the given instruments in the place of the past outputs.
+    /// F with the given instruments instead of the past outputs.
     fn instrumental(&self, signals: &[Regressors], places: &[(usize, usize)]) -> Option<Vec<f64>> {
         let (cross, right) = self.products(signals, places, false);
         Some(solve(cross, &right)?.iter().take(self.nf).copied().collect())
     }
 
-    /// The start: least squares, the outputs being their own instruments.
+    /// The start: least squares, with the outputs as their own instruments.
     fn least_squares(&self, records: &[Record], nk: usize) -> Option<Vec<f64>> {
         self.start(&IvProblem::single(records, nk, self.nb))
     }
@@ -325,7 +325,7 @@ impl RefinedIv {
         self.instrumental(&signals, &problem.places())
     }
 
-    /// F by least squares of signals through low-pass filters (1 − λq⁻¹)^−nf of several corners: noise beyond the plant's band does not bias these.
+    /// F by least squares of signals through low-pass filters (1 − λq⁻¹)^−nf of several corners; noise beyond the plant's band does not bias it.
     ///
     /// Source: Garnier, Mensler and Richard (2003), "Continuous-time model identification from sampled data", Int. J. Control 76(13), 1337-1357,
     /// doi:10.1080/0020717031000149636 (state-variable filters).
@@ -372,7 +372,7 @@ impl RefinedIv {
         Some(solve(gram, &right)?.iter().copied().collect())
     }
 
-    /// The model of one set of lags, from F as it is before the first round; its b are those of all inputs, one after the other.
+    /// The model of one set of lags, from an initial F. The vector b contains those of all inputs, one after the other.
     pub fn refine(&self, problem: &IvProblem<'_>, start: Vec<f64>) -> Option<IvFit> {
         let places = problem.places();
         let mut f = start;
@@ -391,7 +391,7 @@ impl RefinedIv {
             let rest: Vec<Vec<f64>> = filtered.iter().map(|r| r.left(&places, &first)).collect();
             let Some((noise, _)) = autoregression(&rest, self.noise) else { break };
             d = noise;
-            // B again, under the noise just found.
+            // B again, under the updated noise model.
             let white = whitened_by(&d);
             let Some(b) = Self::numerator(&white, &places) else { break };
             let loss = self.loss(white.iter().map(|w| w.errors(&places, &b)));
@@ -422,10 +422,10 @@ impl RefinedIv {
         best.map(|fit| IvFit { converged: settled, ..fit })
     }
 
-    /// The fit at the minimum of its loss, by steps of Gauss and Newton that residuals drive, D fitted anew after each.
+    /// The fit at the minimum of its loss, by Gauss-Newton steps on the residuals; D is refitted after each.
     ///
-    /// A round of [`Self::refine`] solves for the numbers themselves, and its ridge draws them towards 0 along directions that samples much faster than the plant barely
-    /// distinguish: by many standard deviations where there is little noise. A step solves for the change, which at the minimum is 0 under any ridge.
+    /// A round of [`Self::refine`] solves for the parameters themselves, so its ridge shrinks them along poorly determined directions. For fast sampling and
+    /// little noise this bias is many standard deviations. A step solves for the change, which is 0 at the minimum under any ridge.
     pub fn polished(&self, problem: &IvProblem<'_>, mut fit: IvFit) -> IvFit {
         let places = problem.places();
         for _ in 0..STEPS {
@@ -441,7 +441,7 @@ impl RefinedIv {
         fit
     }
 
-    /// The fit after a step, and the fall of the sum of squares that the step promises.
+    /// The fit after a step, and the predicted fall of the sum of squares.
     fn stepped(
         &self,
         problem: &IvProblem<'_>,
@@ -469,7 +469,7 @@ impl RefinedIv {
         Some((IvFit { loss, b, f, d, converged: fit.converged }, right.dot(&change)))
     }
 
-    /// Σ of the squares of D v over the rows that have as many predecessors as D has coefficients, for each of them.
+    /// Σ (D v)²/rows over the rows with at least as many predecessors as D has coefficients.
     fn loss(&self, errors: impl Iterator<Item = Vec<f64>>) -> f64 {
         let (mut sum, mut rows) = (0.0, 0);
         for e in errors.filter(|e| e.len() > self.noise) {
@@ -479,8 +479,8 @@ impl RefinedIv {
         sum / (rows.max(1) as f64)
     }
 
-    /// The asymptotic covariance of f₁ … f_nf and then of all b: σ²·(Σ φ̂φ̂ᵀ)⁻¹, φ̂ the regressors with the simulated output in the place of the measured one, through
-    /// D/F, and σ² with as many degrees of freedom as are left. It holds where the autoregression is the noise's own.
+    /// The asymptotic covariance of f₁ … f_nf and then of all b: σ²·(Σ φ̂φ̂ᵀ)⁻¹. φ̂ are the regressors with the simulated instead of the measured output,
+    /// through D/F. σ² uses the remaining degrees of freedom. The covariance is valid where the autoregression is the noise's own.
     ///
     /// Source: Jakeman and Young (1979), Int. J. Control 29(4), 621-644, doi:10.1080/00207177908922724; Young (2011), section 7.3.
     pub fn covariance(&self, problem: &IvProblem<'_>, fit: &IvFit) -> Option<DMatrix<f64>> {
@@ -494,7 +494,7 @@ impl RefinedIv {
         inverse(gram).map(|inverse| inverse * (fit.loss * rows / freedom))
     }
 
-    /// What the model leaves of every output, y − B/F u.
+    /// The residual of every output, y − B/F u.
     pub fn left(&self, problem: &IvProblem<'_>, fit: &IvFit) -> Vec<Vec<f64>> {
         let places = problem.places();
         problem.filtered(&fit.f).iter().map(|r| r.left(&places, &fit.b)).collect()
@@ -526,7 +526,7 @@ pub(crate) fn inverse(mut gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     inverse.iter().all(|v| v.is_finite()).then_some(inverse)
 }
 
-/// The autoregression of what a model leaves.
+/// The autoregression of a model's residual.
 pub(crate) struct NoiseModel {
     /// d₁ … of D = 1 + d₁q⁻¹ + …
     pub d: Vec<f64>,

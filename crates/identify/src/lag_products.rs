@@ -6,7 +6,7 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 /// Samples of a block: two signals of it stay in the first-level cache.
 const BLOCK: usize = 2048;
-/// Samples that are summed before the partial sums are added: fixed, so that the number of threads does not change the result.
+/// Samples per partial sum; the fixed number makes the result independent of the number of threads.
 const CHUNK: usize = 1 << 17;
 
 /// Σ a(t)·b(t − lag) for lag = from … from + count − 1.
@@ -18,7 +18,7 @@ struct Lags<'a> {
     count: usize,
 }
 
-/// The sums of every task over t = first … end − 1, one after the other; no lag is beyond `first`.
+/// The concatenated sums of every task over t = first … end − 1; no lag is beyond `first`.
 fn sums(tasks: &[Lags], first: usize, end: usize) -> Vec<f64> {
     let total = tasks.iter().map(|t| t.count).sum();
     let arch = Arch::new();
@@ -54,7 +54,7 @@ impl WithSimd for Chunk<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
         let lanes = S::F64_LANES;
-        // The first rows one product at a time, until there is room for a whole vector of lags.
+        // The first rows one product at a time, until a whole vector of lags fits.
         let longest =
             self.tasks.iter().map(|t| t.from + t.count.next_multiple_of(lanes)).max().unwrap_or(0);
         let head = longest.clamp(self.start, self.end);
@@ -90,7 +90,7 @@ impl Chunk<'_> {
     }
 }
 
-/// All lags of one block: as many vectors of lags at a time as the registers hold.
+/// All lags of one block, in as many vectors of lags at a time as the registers hold.
 #[inline(always)]
 fn block<S: Simd>(simd: S, task: &Lags, start: usize, stop: usize, sums: &mut [f64]) {
     let lanes = S::F64_LANES;
@@ -134,7 +134,7 @@ fn tiles<S: Simd, const P: usize>(
     }
 }
 
-/// Lags lag + shift + r + lanes·p, r < R, p < P: each vector of b, shifted by r, meets the P vectors of a that it is lagged against.
+/// Lags lag + shift + r + lanes·p, r < R, p < P. Each vector of b, shifted by r, is multiplied with the P vectors of a at these lags.
 #[inline(always)]
 fn tile<S: Simd, const P: usize, const R: usize>(
     simd: S,
@@ -153,7 +153,7 @@ fn tile<S: Simd, const P: usize, const R: usize>(
         S::as_simd_f64s(&task.b[start - back - r..start - back - r + length]).0
     });
     let mut acc = [[simd.splat_f64s(0.0); P]; R];
-    // b[q] meets a[q + p + 1 − P]: all P of them inside the block, or those that are.
+    // b[q] is multiplied with a[q + p + 1 − P]: all P of them inside the block, or those that are.
     let edge = |acc: &mut [[S::f64s; P]; R], q: usize| {
         for (row, right) in acc.iter_mut().zip(&b) {
             for (p, sum) in row.iter_mut().enumerate() {
@@ -214,7 +214,7 @@ pub fn lag_matrix(
     }
 }
 
-/// Σ a(t)·b(t − lag), lag = 0 … lags − 1, signals being zero before t = 0.
+/// Σ a(t)·b(t − lag), lag = 0 … lags − 1, with signals zero before t = 0.
 pub fn lag_vector(a: &[f64], b: &[f64], lags: usize) -> Vec<f64> {
     let padded = |x: &[f64]| [&vec![0.0; lags], x].concat();
     let (a, b) = (padded(a), padded(b));
@@ -250,7 +250,7 @@ pub(super) fn lag_matrices(
     ]
 }
 
-/// Products with one lag 0 are given; every other follows from its neighbour one sample earlier by corrections at the two ends.
+/// The products with one lag 0 are given. Every other follows from its neighbour one sample earlier by corrections at the two ends.
 fn fill(
     a: &[f64],
     b: &[f64],
@@ -280,7 +280,7 @@ fn fill(
 mod tests {
     use super::*;
 
-    /// Long enough for several chunks: the sums are the direct ones, and one thread finds the same bits as several.
+    /// Long enough for several chunks: the sums equal the direct ones, and one thread gives the same bits as several.
     #[test]
     fn lag_sums_do_not_depend_on_the_number_of_threads() {
         let signal = |step: usize| -> Vec<f64> {

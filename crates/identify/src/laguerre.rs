@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::regression::{Record, dot};
 
-/// y(t) = Σ cₖ Lₖ(q) u(t) + e(t), Lₖ(z) = √(1 − a²)/(z − a)·((1 − az)/(z − a))^(k−1), fitted by least squares. Records are taken to begin at rest.
+/// y(t) = Σ cₖ Lₖ(q) u(t) + e(t), Lₖ(z) = √(1 − a²)/(z − a)·((1 − az)/(z − a))^(k−1), fitted by least squares. Records are assumed to begin at rest.
 ///
 /// Source: Wahlberg (1991), "System identification using Laguerre models", IEEE Trans. Automat. Contr. 36(5), 551-562.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,7 +54,7 @@ pub fn laguerre(records: &[Record], pole: f64, order: usize) -> Option<Laguerre>
     for record in records {
         let n = record.len();
         let mut columns = filters(&record.u[..n], pole, order);
-        // A row without its output is no row.
+        // A row without its output is left out.
         let mut y = record.y[..n].to_vec();
         let missing =
             record.present.as_ref().map_or(Vec::new(), |p| (0..n).filter(|&t| !p[t]).collect());
@@ -74,14 +74,14 @@ pub fn laguerre(records: &[Record], pole: f64, order: usize) -> Option<Laguerre>
     if rows <= order {
         return None;
     }
-    // Half of the digits must remain; the lower triangle is all that is read.
+    // At least half of the digits must remain; only the lower triangle is read.
     let least: Vec<f64> = gram.diagonal().iter().map(|v| 1e-11 * v).collect();
     let factor = gram.cholesky()?;
     if least.iter().enumerate().any(|(i, least)| factor.l_dirty()[(i, i)].powi(2) <= *least) {
         return None;
     }
     let c = factor.solve(&right);
-    // Rounding may take the difference below zero.
+    // Rounding may make the difference negative.
     let squares = (power - c.dot(&right)).max(1e-15 * power);
     let (loss, variance) = (squares / rows as f64, squares / (rows - order) as f64);
     let covariance = factor.inverse() * variance;
@@ -89,8 +89,8 @@ pub fn laguerre(records: &[Record], pole: f64, order: usize) -> Option<Laguerre>
     sound.then_some(Laguerre { pole, c, covariance, loss })
 }
 
-/// Σ x(t)·lₖ(t), k = 0 … order − 1, of signals of one length: the spectrum of each in the orthonormal sequences of
-/// l₀ = √(1 − a²)·z/(z − a), lₖ₊₁ = w·lₖ, w = (1 − az)/(z − a).
+/// Σ x(t)·lₖ(t), k = 0 … order − 1, for signals of one length: their spectra in orthonormal sequences. The sequences are l₀ = √(1 − a²)·z/(z − a), lₖ₊₁ = w·lₖ,
+/// w = (1 − az)/(z − a).
 pub fn laguerre_spectra(signals: [&[f64]; 2], pole: f64, order: usize) -> [Vec<f64>; 2] {
     let samples = signals[0].len().min(signals[1].len());
     let mut sequence: Vec<f64> =
@@ -162,9 +162,9 @@ mod tests {
     fn spectra_are_the_sums_over_the_sequences() {
         let x: Vec<f64> = (0..900).map(|t| (0.3 * t as f64).sin() * 0.99_f64.powi(t)).collect();
         let [spectrum, zero] = laguerre_spectra([&x, &vec![0.0; 900]], 0.7, 300);
-        // Parseval: nearly all of it is in the first 300.
+        // Parseval: nearly all power is in the first 300.
         assert_abs_diff_eq!(dot(&spectrum, &spectrum) / dot(&x, &x), 1.0, epsilon = 1e-9);
-        // The filters have one sample of delay more.
+        // The filters have one more sample of delay.
         for (k, filtered) in filters(&impulse(901), 0.7, 5).iter().enumerate() {
             assert!((spectrum[k] - dot(&filtered[1..], &x)).abs() < 1e-12 && zero[k] == 0.0);
         }

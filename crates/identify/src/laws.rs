@@ -1,4 +1,4 @@
-//! Laws of identified models over drawn records whose truth is known.
+//! Laws of identified models over drawn records with a known truth.
 
 use std::path::Path;
 
@@ -40,7 +40,7 @@ fn recordings(u: Vec<f64>, y: Vec<f64>, sample_time_s: f64) -> Recordings {
     }
 }
 
-/// x⁺ = pole·x + u + k·e, y = gain·x + e from rest, white u, e of the standard deviation `noise`.
+/// x⁺ = pole·x + u + k·e, y = gain·x + e from rest, with white u and e of standard deviation `noise`.
 fn first_order(pole: f64, [gain, k, noise]: [f64; 3], samples: usize, seed: u64) -> Recordings {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (mut u, mut y, mut x) = (Vec::new(), Vec::new(), 0.0);
@@ -57,7 +57,7 @@ fn identified(method: &dyn Identifier, data: &Recordings) -> Identified {
     method.identify(data, &HowFar::default()).unwrap()
 }
 
-/// The mean of a slow plant's record is where it happened to be, not where it rests. The noise is in the state (A − KC = 0), in part, or in the output alone.
+/// The mean of a slow plant's record differs from its rest. The noise enters the state (A − KC = 0), partly the state, or the output alone.
 #[test]
 fn a_slow_pole_lies_within_its_interval_whatever_the_mean_of_the_record() {
     for (pole, k) in [(0.99, 0.198), (0.99, 0.1), (0.99, 0.0), (0.95, 0.0), (0.6, 0.0)] {
@@ -69,7 +69,7 @@ fn a_slow_pole_lies_within_its_interval_whatever_the_mean_of_the_record() {
         };
         let off: Vec<f64> = (0..RECORDS).into_par_iter().map(off).collect();
         let inside = off.iter().filter(|z| z.abs() < 2.0).count();
-        // 95 % of 20: fewer than 16 in less than one of three hundred such tests.
+        // 95 % of 20: fewer than 16 in less than one of 300 such tests.
         assert!(inside >= 16, "{pole}, {k}: {inside} of {RECORDS}: {off:.2?}");
         assert!(off.iter().all(|z| z.abs() < 5.0), "{pole}, {k}: {off:.2?}");
     }
@@ -94,7 +94,7 @@ fn every_predictor_forgets_its_start_also_that_of_an_unstable_plant() {
     }
 }
 
-/// (−6400 s + 1600)/(s⁴ + 5 s³ + 408 s² + 416 s + 1600) every 10 ms, its input a PRBS of ten stages whose bits last seven samples.
+/// (−6400 s + 1600)/(s⁴ + 5 s³ + 408 s² + 416 s + 1600) every 10 ms. The input is a PRBS of ten stages with bits of seven samples.
 ///
 /// Source: Rao and Garnier (2002), "Numerical illustrations of the relevance of direct continuous-time model identification", IFAC World Congress.
 fn rao_garnier(decibel: f64, seed: u64) -> Recordings {
@@ -137,13 +137,13 @@ fn refined_instrumental_variables_end_at_the_plant_of_fast_samples() {
         let data = rao_garnier(decibel, seed);
         let riv = Riv { nf: 4, nb: 4, nk: Some(vec![1]), draws: 0, ..Riv::default() };
         let found = identified(&riv, &data).check(&data)[0].simulation.unwrap().nrmse;
-        // What the noise leaves of the measured output.
+        // The residual share of the measured output that the noise causes.
         let floor = (1.0 / (1.0 + 10f64.powf(decibel / 10.0))).sqrt();
         assert!(found < 1.05 * floor, "{seed}: {found} of {floor}");
     }
 }
 
-/// Samples much faster than the plant: what they barely distinguish is neither biased nor called surer than it is.
+/// Fast sampling: poorly determined directions have neither bias nor too small standard deviations.
 #[test]
 fn transfer_functions_of_fast_samples_have_no_bias() {
     let tf = TransferFunction::from_polynomials(
@@ -173,7 +173,7 @@ fn transfer_functions_of_fast_samples_have_no_bias() {
     }
 }
 
-/// Twenty sines of periods from ten samples on: lags beyond a few are below the noise.
+/// Twenty sines with periods of at least ten samples: lags beyond the first few are below the noise.
 #[test]
 fn lags_that_the_noise_leaves_undetermined_are_counted() {
     for seed in 0..4 {
@@ -197,7 +197,7 @@ fn lags_that_the_noise_leaves_undetermined_are_counted() {
     }
 }
 
-/// Σ over lines of the spectrum of sines with drawn phases, the period `period` and its divisors.
+/// Σ of sines with drawn phases, of the period `period` and its divisors.
 fn sines(lines: usize, period: f64, samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let phases: Vec<f64> = (0..lines).map(|_| normal(rng) * 6.0).collect();
     let one = |t: usize, k: usize| {
@@ -206,7 +206,7 @@ fn sines(lines: usize, period: f64, samples: usize, rng: &mut ChaCha8Rng) -> Vec
     (0..samples).map(|t| (0..lines).map(|k| one(t, k)).sum()).collect()
 }
 
-/// Lightly damped arms under sines far below the Nyquist frequency: the past determines its states poorly, their observability matrix well.
+/// Lightly damped arms under sines far below the Nyquist frequency: the past determines the states poorly, their observability matrix well.
 #[test]
 fn moesp_predicts_free_runs_of_resonances_that_few_lines_excite() {
     for seed in 0..6 {
@@ -279,7 +279,7 @@ y2 = "w"
 [parameters]
 "#;
 
-/// The report of an identification of the coupled plant from a drawn record.
+/// The identification report of the coupled plant from a drawn record.
 fn coupled_target(samples: usize, noise: f64, rng: &mut ChaCha8Rng) -> Target {
     let [a, b, c, d, e, f] = COUPLED_VALUES.map(|(_, v)| v);
     let plant = StateSpace::continuous(
@@ -324,7 +324,8 @@ fn coupled_target(samples: usize, noise: f64, rng: &mut ChaCha8Rng) -> Target {
     Target::from_identify(&report.to_string(), Path::new("report.json")).unwrap()
 }
 
-/// File values that are right, all off alike, off by drawn shares, or by factors: the spread of greatest evidence is theirs, and what the response determines is found.
+/// File values that are correct, off by a common share, by drawn shares, or by factors. The spread of largest evidence matches them, and the determined
+/// parameters are found.
 #[test]
 fn the_prior_of_a_match_is_as_wide_as_the_files_values_are_off() {
     for (samples, noise) in [(2000, 0.02), (400, 0.2)] {
@@ -335,7 +336,7 @@ fn the_prior_of_a_match_is_as_wide_as_the_files_values_are_off() {
             let shares: Vec<f64> = (0..6)
                 .map(|_| if drawn { (share * normal(&mut rng)).max(-0.8) } else { -share })
                 .collect();
-            // The truth is off by these shares of the file's values.
+            // The relative errors of the file's values.
             let values: Vec<f64> =
                 COUPLED_VALUES.iter().zip(&shares).map(|((_, v), s)| v / (1.0 + s)).collect();
             let lines = COUPLED_VALUES.iter().zip(&values);

@@ -1,18 +1,18 @@
 //! A small least-squares problem inside a triangular factor, by Householder reflections.
 
-/// min ‖t − X·b‖² over a few columns; columns that only repeat the ones before them are left out.
+/// min ‖t − X·b‖² over a few columns; columns that depend on the previous ones are left out.
 pub(super) struct Solved {
     /// Coefficients, 0 for a column left out.
     pub(super) coefficients: Vec<f64>,
     /// The smallest Σ of squares.
     pub(super) residual: f64,
-    /// Columns that count.
+    /// Number of independent columns.
     pub(super) rank: usize,
-    /// What each column takes off Σ of squares, after the ones before it.
+    /// The reduction of the sum of squares by each column, after the previous ones.
     pub(super) shares: Vec<f64>,
 }
 
-/// `columns` and `target` have equal lengths and are overwritten; `small[i]` is the norm below which column i is a combination of the ones before it.
+/// `columns` and `target` have equal lengths and are overwritten; `small[i]` is the norm below which column i depends on the previous ones.
 pub(super) fn solve(columns: &mut [Vec<f64>], target: &mut [f64], small: &[f64]) -> Solved {
     let rows = target.len();
     let mut pivots = Vec::with_capacity(columns.len());

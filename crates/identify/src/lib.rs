@@ -1,4 +1,4 @@
-//! Models from data: finite impulse responses, ARX, ARMAX and output-error models; state-space models by subspace methods; many parameters of a model file at
+//! Models from data: finite impulse responses, ARX, ARMAX and output-error models; state-space models by subspace methods. Many parameters of a model file at
 //! once, by time (`structured`) and by frequency (`matching`).
 
 mod armax;

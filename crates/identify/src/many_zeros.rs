@@ -1,13 +1,14 @@
-//! Output-error models of few poles and so many numerator coefficients that a search over each would be slow.
+//! Output-error models of few poles and many numerator coefficients, where a search over each coefficient would be slow.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::polynomial::{filter, is_stable, stabilised};
 use super::regression::{Record, Regression, dot};
 
-/// y(t) = B(q)/F(q) u(t) + e(t): Steiglitz and McBride's iteration (ARX on signals filtered by the last 1/F), then Levenberg and Marquardt's on the simulation error.
+/// y(t) = B(q)/F(q) u(t) + e(t). The Steiglitz-McBride iteration (ARX on signals filtered by the last 1/F) precedes Levenberg-Marquardt on the simulation
+/// error.
 ///
-/// Each step of either is one regression of O(N·(nf + nb)). Records are taken to begin at rest, and their first nb − 1 samples are left out of the error.
+/// Each step of either is one regression of O(N·(nf + nb)). Records are assumed to begin at rest; the error omits their first nb − 1 samples.
 ///
 /// Source: Steiglitz and McBride (1965), doi:10.1109/TAC.1965.1098181; Ljung (1999), "System Identification", 2nd ed., sections 9.4 and 10.2.
 pub struct ManyZeros {
@@ -15,24 +16,24 @@ pub struct ManyZeros {
     pub b: DVector<f64>,
     /// Their covariance.
     pub covariance: DMatrix<f64>,
-    /// What it would be were F known: what a zero of B and a pole that nearly cancel share is left out.
+    /// The covariance for known F: it omits the part shared by a zero of B and a nearly cancelling pole.
     pub given_poles: DMatrix<f64>,
 }
 
-/// Iterations of Steiglitz and McBride, which only have to find the valley.
+/// Steiglitz-McBride iterations, which only need to find the valley of the minimum.
 const ITERATIONS: usize = 10;
-/// Steps of Levenberg and Marquardt; near the minimum each takes a large factor off the error, but along a pole that a zero all but cancels they are short.
+/// Levenberg-Marquardt steps. Near the minimum each lowers the error by a large factor; along a pole nearly cancelled by a zero they are short.
 const STEPS: usize = 100;
-/// A relative change that ends either.
+/// A relative change that ends either iteration.
 const STILL: f64 = 1e-13;
-/// Damping, as a share of the Gram matrix's diagonal, that counts as none.
+/// Damping, as a share of the Gram matrix's diagonal, that counts as zero.
 const LEAST_DAMPING: f64 = 1e-12;
-/// Damping at which a step that still does not lower the error is rounding's.
+/// Damping from which a step without a lower error is attributed to rounding.
 const MOST_DAMPING: f64 = 1e6;
 
 /// A model simulated on every record.
 struct Simulated {
-    /// u/F and the model's own output by 1/F: the regressors that are the gradient.
+    /// u/F and the model's own output by 1/F: the regressors of the gradient.
     gradients: Vec<Record<'static>>,
     /// y − ŷ.
     residuals: Vec<Vec<f64>>,
@@ -47,7 +48,7 @@ fn by(x: &[f64], f: &[f64]) -> Vec<f64> {
 }
 
 impl ManyZeros {
-    /// `None` where a sample is missing, the rows are too few, or the input moves too little.
+    /// `None` where a sample is missing, the rows are too few, or the input excites too little.
     pub fn fit(records: &[Record], nf: usize, nb: usize) -> Option<Self> {
         if records.iter().any(|r| r.present.is_some()) {
             return None;
@@ -98,7 +99,7 @@ impl ManyZeros {
             records.iter().map(|r| r.len().saturating_sub(regression.first_row())).sum();
         let variance = at.cost / rows.saturating_sub(nf + nb).max(1) as f64;
         let covariance = inverse.view((nf, nf), (nb, nb)) * variance;
-        // Past outputs come first: without them the regression is that of B alone, over some rows more.
+        // Past outputs come first: without them the regression is that of B alone, over a few more rows.
         let given_poles = self::inverse(Regression { na: 0, lags: nb }, &at.gradients)? * variance;
         let sound = b.iter().chain(&covariance).chain(&given_poles).all(|v| v.is_finite());
         sound.then_some(Self { b, covariance, given_poles })
@@ -153,7 +154,7 @@ fn damped(gram: &DMatrix<f64>, damping: f64) -> Option<Cholesky<f64, Dyn>> {
 fn inverse(regression: Regression, gradients: &[Record]) -> Option<DMatrix<f64>> {
     match gram(regression, gradients)?.cholesky() {
         Some(factor) => Some(factor.inverse()),
-        // Poles that the data do not ask for make columns that repeat others.
+        // Redundant poles give linearly dependent columns.
         None => regression.factor(gradients).solve().map(|s| s.inverse),
     }
 }
@@ -187,7 +188,7 @@ mod tests {
             .remove(0)
             .unwrap();
         let std = fit.covariance[(0, 0)].sqrt();
-        // The search counts two rows more.
+        // The search has two more rows.
         assert!((fit.b[0] - search.b[0]).abs() < 0.02 * std, "{} {} {std}", fit.b[0], search.b[0]);
         assert!((fit.b[0] - 0.4).abs() < 3.0 * std, "{} {std}", fit.b[0]);
     }

@@ -1,7 +1,7 @@
 //! Markov parameters from records, and the state-space model that has them.
 //!
-//! How it can be wrong: fewer parameters than the response lasts (`markov` has no remainder for the rest), a past shorter than the observer's memory (`okid`), an
-//! order larger than the parameters show (singular values of rounding size are refused).
+//! How it can be wrong: fewer parameters than the response lasts (`markov` has no term for the remainder). A past shorter than the observer's memory (`okid`).
+//! An order above that of the parameters (singular values of rounding size are refused).
 
 use deadtime_signal::decompositions::svd;
 use nalgebra::DMatrix;
@@ -11,19 +11,19 @@ use super::subspace::Recordings;
 use deadtime_model::{Sampled, StateSpace};
 use deadtime_signal::time::SampleTime;
 
-/// A direction of the past of this share of the largest is none.
+/// A direction of the past below this share of the largest is zero.
 const SEEN: f64 = 1e-10;
-/// A singular value of this share of the largest is rounding.
+/// A singular value below this share of the largest is rounding.
 const ROUNDING: f64 = 1e-12;
 
 fn unfit(method: &'static str, reason: &str) -> IdentifyError {
     IdentifyError::Unfit { method, reason: reason.to_owned() }
 }
 
-/// The first `count` Markov parameters D, CB, CAB, … (each p×m) by least squares of y(t) on u(t) … u(t − count + 1), from rest where a record begins.
+/// The first `count` Markov parameters D, CB, CAB, … (each p×m), from least squares of y(t) on u(t) … u(t − count + 1). Records begin at rest.
 ///
 /// # Errors
-/// [`IdentifyError::TooShort`] for fewer rows than unknowns, [`IdentifyError::Unfit`] for inputs that are not rich enough.
+/// [`IdentifyError::TooShort`] for fewer rows than unknowns, [`IdentifyError::Unfit`] for inputs that excite too little.
 pub fn markov(
     recordings: &Recordings,
     count: usize,
@@ -43,7 +43,7 @@ pub fn markov(
     Ok((0..count).map(|k| solved.rows(k * m, m).transpose()).collect())
 }
 
-/// The first `count` Markov parameters by an observer whose memory is `past` samples: records may begin in any state, and the response may last longer.
+/// The first `count` Markov parameters by an observer with a memory of `past` samples. Records may begin in any state, and the response may last longer.
 ///
 /// Source: Juang, Phan, Horta and Longman (1993), "Identification of observer/Kalman filter Markov parameters: theory and experiments", J. Guidance, Control, and
 /// Dynamics 16(2), 320-329, doi:10.2514/3.21006.
@@ -68,7 +68,7 @@ pub fn okid(
             targets.extend((0..l).map(|i| s.y[(i, t)]));
         }
     }
-    // Of observers that do as well the one of least coefficients: without noise many do.
+    // Among equally good observers the one with the least coefficients: without noise there are many.
     let got = targets.len() / l.max(1);
     if got < width {
         return Err(IdentifyError::TooShort { method: "okid", needed: width, got });
@@ -92,13 +92,13 @@ pub fn okid(
     Ok(all)
 }
 
-/// The model of `order` states whose Markov parameters D, CB, CAB, … these are, by the singular value decomposition of their Hankel matrix (ERA).
+/// The model of `order` states with these Markov parameters D, CB, CAB, …, by the singular value decomposition of their Hankel matrix (ERA).
 ///
 /// Source: Juang and Pappa (1985), "An eigensystem realization algorithm for modal parameter identification and model reduction", J. Guidance, Control, and Dynamics
 /// 8(5), 620-627, doi:10.2514/3.20031.
 ///
 /// # Errors
-/// [`IdentifyError::Unfit`] for an order that so many parameters cannot show.
+/// [`IdentifyError::Unfit`] for an order that the parameters cannot determine.
 pub fn era(
     markov: &[DMatrix<f64>],
     order: usize,
@@ -141,7 +141,7 @@ pub fn era(
     Ok(StateSpace::sampled(a, b.into_owned(), c.into_owned(), d.clone(), sample_time)?)
 }
 
-/// The coefficients of every column of the targets, rows by rows.
+/// The coefficients of every column of the targets, row by row.
 fn least_squares(
     method: &'static str,
     (rows, width): (&[f64], usize),
@@ -192,7 +192,7 @@ mod tests {
         all
     }
 
-    /// A record from a state of rest, or of any other.
+    /// A record from rest, or from another state.
     fn record(start: f64) -> Recordings {
         let sys = system();
         let samples = 300;

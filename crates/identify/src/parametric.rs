@@ -1,4 +1,4 @@
-//! Models of a given structure: named numbers with their intervals, and models drawn from the numbers' covariance.
+//! Models of a given structure: named parameters with their intervals, and models drawn from the parameters' covariance.
 
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
@@ -17,34 +17,34 @@ use crate::subspace::recordings::Recordings;
 use crate::subspace::uncertainty::Draws;
 use deadtime_model::{Continuous, StateSpace};
 
-/// What a model of a given structure has in addition to matrices.
+/// Further properties of a model of a given structure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parametric {
     /// The structure, as a formula.
     pub structure: String,
-    /// Its numbers.
+    /// Its parameters.
     pub parameters: Vec<Parameter>,
-    /// Whole samples by which each input acts later than in the matrices.
+    /// Whole samples by which each input's delay exceeds that in the matrices.
     pub delays: Vec<usize>,
     /// The noise e/D: d₁ … of D = 1 + d₁q⁻¹ + …
     pub noise: Vec<f64>,
-    /// The continuous model that the matrices are sampled from, with its dead times; absent where the structure is a sampled one.
+    /// The continuous model behind the sampled matrices, with its dead times; absent for a sampled structure.
     pub continuous: Option<StateSpace<Continuous>>,
-    /// First guesses of a model of one lag, where the data allow them.
+    /// Initial guesses of a model of one lag, where the data allow them.
     pub guesses: Vec<Guess>,
 }
 
-/// A number of a model and how well it is known.
+/// A parameter of a model and its uncertainty.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Parameter {
     /// `K`, `T1`, `dead_time`, `b0` …
     pub name: String,
-    /// The input that it belongs to; absent where it belongs to all.
+    /// Its input; absent for a parameter of all inputs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub input: Option<String>,
     /// Its value.
     pub value: f64,
-    /// Its unit, where it is known.
+    /// Its unit, where known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
     /// Standard deviation; absent where it has no value.
@@ -56,7 +56,7 @@ pub struct Parameter {
 /// A model K/(1 + T·s)·e^(−τ·s) read from a step response.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Guess {
-    /// How: `area` or `tangent`.
+    /// The method: `area` or `tangent`.
     pub by: &'static str,
     /// K.
     pub gain: f64,
@@ -66,7 +66,7 @@ pub struct Guess {
     pub dead_time_s: f64,
 }
 
-/// Numbers with the covariance of their estimates.
+/// Parameters with the covariance of their estimates.
 pub struct Cloud {
     mean: Vec<f64>,
     /// A root of the covariance: the covariance is this times its transpose.
@@ -74,14 +74,14 @@ pub struct Cloud {
     seed: u64,
 }
 
-/// A model of drawn numbers with its delays, samples.
+/// A model of drawn parameters with its delays, samples.
 pub(crate) type Build<'a> = dyn Fn(&[f64]) -> Option<(InnovationsModel, Vec<usize>)> + Sync + 'a;
 
-/// Size of the small draws, of a whole one.
+/// Size of the small draws relative to a whole one.
 const STEP: f64 = 1e-3;
 
 impl Cloud {
-    /// `None` where the covariance is no covariance.
+    /// `None` where the covariance is not positive semidefinite.
     pub fn of(mean: Vec<f64>, covariance: &DMatrix<f64>, seed: u64) -> Option<Self> {
         let size: Vec<f64> =
             covariance.diagonal().iter().map(|v| v.max(f64::MIN_POSITIVE).sqrt()).collect();
@@ -94,7 +94,7 @@ impl Cloud {
         root.iter().all(|v| v.is_finite()).then_some(Self { mean, root, seed })
     }
 
-    /// The numbers as the noise would have made them; `size` 1 for a whole draw.
+    /// The parameters plus a deviation drawn from the noise; `size` 1 for a whole draw.
     pub fn draw(&self, number: usize, size: f64) -> Vec<f64> {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         rng.set_stream(number as u64);
@@ -105,7 +105,7 @@ impl Cloud {
         self.mean.iter().enumerate().map(moved).collect()
     }
 
-    /// Models of drawn numbers, each with its own delays.
+    /// Models of drawn parameters, each with its own delays.
     pub fn models(&self, count: usize, build: &Build<'_>) -> Draws {
         let all = |size: f64| -> (Vec<InnovationsModel>, Vec<Vec<usize>>) {
             (0..count)
@@ -121,7 +121,7 @@ impl Cloud {
     }
 }
 
-/// The order of a model whose structure was given.
+/// The order of a model with a given structure.
 pub fn given(order: usize) -> OrderChoice {
     OrderChoice {
         order,
@@ -134,10 +134,10 @@ pub fn given(order: usize) -> OrderChoice {
     }
 }
 
-/// The records of one output that are long enough, and what is said of those left out.
+/// The sufficiently long records of one output, and notes on those left out.
 ///
 /// # Errors
-/// [`IdentifyError::Outputs`] for several outputs, [`IdentifyError::TooShort`] where none is long enough.
+/// [`IdentifyError::Outputs`] for several outputs, [`IdentifyError::TooShort`] where no record is long enough.
 pub fn usable(
     method: &'static str,
     recordings: &Recordings,
@@ -159,26 +159,25 @@ pub fn usable(
     Ok((Recordings { stretches, ..recordings.clone() }, said))
 }
 
-/// What least squares under coloured noise come to once the noise is known.
+/// The result of a generalised least-squares step under coloured noise.
 pub struct Coloured {
-    /// By how much the numbers move.
+    /// The change of the parameters.
     pub change: Vec<f64>,
-    /// The covariance of the moved numbers.
+    /// The covariance of the changed parameters.
     pub covariance: DMatrix<f64>,
     /// d₁ … of the noise e/D.
     pub d: Vec<f64>,
     /// The variance of e.
     pub variance: f64,
-    /// The residual, the change and levels taken off.
+    /// The residual, minus the change's effect and the offsets.
     pub residual: Vec<f64>,
 }
 
-/// One step from least squares to the estimate that weighs by the noise's own autoregression, and its covariance σ²(JᵀDᵀDJ)⁻¹, the mean of it over
-/// what D may be; with `levels` a level of each record is fitted with it.
-/// A column of zeros is a number that is not known to move.
+/// One step from least squares to the estimate weighted by the noise's own autoregression. The covariance σ²(JᵀDᵀDJ)⁻¹ is averaged over the uncertainty of D.
+/// With `levels` an offset of each record is fitted with it. A zero column is a parameter treated as fixed.
 ///
-/// How it can be wrong: a step so long that the model is no straight line over it; the caller says which that is.
-/// Source: Ljung (1999), "System Identification", 2nd ed., sections 9.3 and 10.2: a step of Gauss and Newton from a consistent estimate is as good as the minimum.
+/// How it can be wrong: a step beyond the range of the linearisation, which the caller decides.
+/// Source: Ljung (1999), "System Identification", 2nd ed., sections 9.3 and 10.2. A Gauss-Newton step from a consistent estimate is as good as the minimum.
 pub fn coloured(
     jacobian: &[Vec<f64>],
     residual: &[f64],
@@ -206,7 +205,7 @@ pub fn coloured(
     let (change, NoiseModel { d, variance, covariance }, left) = system.step()?;
     let freedom = residual.len() as f64 / (residual.len() as f64 - change.len() as f64).max(1.0);
     let variance = variance * freedom;
-    // Over what the noise may be: slow columns are compared with its slow part, which is known from few samples.
+    // Averages over the uncertainty of the noise: slow columns are compared with its slow part, which few samples determine.
     let cloud = Cloud::of(d.clone(), &covariance, 1)?;
     let drawn = (0..NOISES)
         .into_par_iter()
@@ -235,7 +234,7 @@ pub fn coloured(
     finite.then_some(all)
 }
 
-/// Columns and residuals, and where the records lie in them.
+/// Columns and residuals, and the position of the records in them.
 struct WhitenedSystem<'a> {
     columns: Vec<Vec<f64>>,
     parts: Vec<std::ops::Range<usize>>,
@@ -243,14 +242,14 @@ struct WhitenedSystem<'a> {
 }
 
 impl WhitenedSystem<'_> {
-    /// A signal behind the noise's filter; the first samples of each record lack the filter's earlier inputs.
+    /// A signal through the noise's filter; the first samples of each record lack the filter's earlier inputs.
     fn white(&self, x: &[f64], d: &[f64]) -> Vec<f64> {
         let part =
             |p: &std::ops::Range<usize>| whitened(&x[p.clone()], d).into_iter().skip(d.len());
         self.parts.iter().flat_map(part).collect()
     }
 
-    /// The columns behind the noise's filter.
+    /// The columns through the noise's filter.
     fn through(&self, d: &[f64]) -> Vec<Vec<f64>> {
         self.columns.iter().map(|c| self.white(c, d)).collect()
     }
@@ -260,8 +259,7 @@ impl WhitenedSystem<'_> {
         inverse(gram(&self.through(d)))
     }
 
-    /// By how much the numbers move under the noise that they leave, that noise, and what they
-    /// leave.
+    /// The change of the parameters under the noise of their residual, that noise, and the remaining residual.
     fn step(&self) -> Option<(DVector<f64>, NoiseModel, Vec<f64>)> {
         let (columns, residual) = (&self.columns, self.residual);
         let mut left = residual.to_vec();
@@ -289,11 +287,11 @@ fn gram(columns: &[Vec<f64>]) -> DMatrix<f64> {
     DMatrix::from_fn(columns.len(), columns.len(), |i, j| dot(&columns[i], &columns[j]))
 }
 
-/// Autoregressions drawn from what the residuals know of theirs.
+/// Autoregressions drawn from the residuals' uncertainty.
 const NOISES: usize = 40;
-/// Noise with a smaller 1 + Σ d is nearly integrated: it is no noise about a level.
+/// Noise with a smaller 1 + Σ d is nearly integrated and has no constant mean.
 const SLOWEST: f64 = 0.02;
-/// Rounds of noise and step.
+/// Alternating rounds of noise and step.
 const ROUNDS: usize = 4;
-/// Most poles of the noise.
+/// Largest number of noise poles.
 const NOISE: usize = 10;

@@ -28,7 +28,7 @@ pub(super) fn is_stable(f: &[f64]) -> bool {
     true
 }
 
-/// The polynomial, its roots pulled in by a common factor until they are inside the unit circle.
+/// The polynomial, its roots scaled by a common factor into the unit circle.
 pub(super) fn stabilised(mut f: Vec<f64>) -> Option<Vec<f64>> {
     for _ in 0..60 {
         if is_stable(&f) {
@@ -55,7 +55,7 @@ pub fn filtered(x: &[f64], f: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Two signals divided by F from rest, in one pass: each recursion waits for its own last value, so that two take no longer than one.
+/// Two signals divided by F from rest, in one pass. Each recursion waits for its own last value, so two take the time of one.
 pub(super) fn filter_both(x: [&[f64]; 2], f: &[f64], out: [&mut [f64]; 2]) {
     match *f {
         [f1] => together([f1], x, out),
@@ -80,7 +80,7 @@ fn together<const N: usize>(f: [f64; N], x: [&[f64]; 2], [first, second]: [&mut 
     }
 }
 
-/// The next value of x/F. The newest of the past comes last: the others need not wait for it.
+/// The next value of x/F. The newest past value comes last, so that the other products need not wait for it.
 #[inline]
 fn next<const N: usize>(f: &[f64; N], past: &mut [f64; N], x: f64) -> f64 {
     let y = (0..N).rev().fold(x, |y, i| y - f[i] * past[i]);
@@ -89,7 +89,7 @@ fn next<const N: usize>(f: &[f64; N], past: &mut [f64; N], x: f64) -> f64 {
     y
 }
 
-/// The impulse response of 1/F up to where all that follows of it is below `least`; `rows` values at most.
+/// The impulse response of 1/F until all later values are below `least`; at most `rows` values.
 pub(super) fn impulse_response(f: &[f64], rows: usize, least: f64, h: &mut Vec<f64>) {
     h.clear();
     let mut small = 0;
@@ -160,10 +160,10 @@ pub(super) fn from_roots(roots: &[Complex<f64>]) -> Vec<f64> {
     f.iter().skip(1).map(|v| v.re).collect()
 }
 
-/// Roots nearer to the unit circle than this, or on it, are pulled in to it: a filter's transients must decay.
+/// Roots within this distance of the unit circle, or on it, are moved to this radius: a filter's transients must decay.
 const CIRCLE: f64 = 0.995;
 
-/// The polynomial whose roots outside the unit circle are replaced by their mirror images inside: its spectrum is the same but for the gain.
+/// The polynomial with its roots outside the unit circle mirrored inside; its spectrum differs only in gain.
 pub(super) fn reflected(f: &[f64]) -> Option<Vec<f64>> {
     let all = roots(f)?;
     if all.iter().all(|r| r.norm() < 1.0 - 1e-9) {
@@ -208,7 +208,7 @@ mod tests {
         assert!(!is_stable(&cubic(1.1)));
     }
 
-    /// x[t] = Σ fᵢ·y[t − i] with f₀ = 1, for every order that has a loop of its own and some that have none; of two signals, also of unequal lengths.
+    /// x[t] = Σ fᵢ·y[t − i] with f₀ = 1, for orders with a specialised loop and without. Tested on two signals, also of unequal lengths.
     #[test]
     fn what_was_filtered_gives_back_the_signal() {
         let x: Vec<f64> = (0..50).map(|t| (0.7 * f64::from(t)).sin() + f64::from(t % 3)).collect();

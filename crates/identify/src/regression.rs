@@ -1,4 +1,4 @@
-//! Regressions of an output on its own past and on the input's: one triangular factor that every ARX and FIR fit is read from.
+//! Regressions of an output on its own past and on the input's, with one triangular factor for all ARX and FIR fits.
 
 use std::borrow::Cow;
 
@@ -19,13 +19,13 @@ pub struct Record<'a> {
 }
 
 impl<'a> Record<'a> {
-    /// A record without missing samples; vectors are taken, slices borrowed.
+    /// A record without missing samples; vectors are moved, slices borrowed.
     #[must_use]
     pub fn new(u: impl Into<Cow<'a, [f64]>>, y: impl Into<Cow<'a, [f64]>>) -> Self {
         Self { u: u.into(), y: y.into(), present: None }
     }
 
-    /// The input changes once at most.
+    /// The input changes at most once.
     #[must_use]
     pub fn is_one_step(&self) -> bool {
         self.u.windows(2).filter(|pair| pair[0] != pair[1]).count() <= 1
@@ -43,7 +43,7 @@ impl<'a> Record<'a> {
         self.len() == 0
     }
 
-    /// The inputs from `u` on together with as many outputs from `y` on, borrowed.
+    /// The inputs from `u` on, paired with the outputs from `y` on, borrowed.
     pub fn part(&self, u: usize, y: usize, samples: usize) -> Record<'_> {
         let there = self.present.as_ref().map(|p| Cow::Borrowed(&p[y..y + samples]));
         Record {
@@ -59,14 +59,14 @@ impl<'a> Record<'a> {
         self.part(0, 0, self.len().min(samples))
     }
 
-    /// The output `samples` earlier, so that lag 0 of the record is lag `samples` of the plant: for what cannot respond sooner. Borrowed.
+    /// The output `samples` earlier, so that lag 0 of the record is lag `samples` of the plant: for plants with a known minimum delay. Borrowed.
     #[must_use]
     pub fn ahead(&self, samples: usize) -> Record<'_> {
         let from = samples.min(self.len());
         self.part(0, from, self.len() - from)
     }
 
-    /// The longest stretches without a missing output, each of at least `least` samples, in order, borrowed; for methods that cannot leave samples out.
+    /// The longest stretches without a missing output, each of at least `least` samples, in order, borrowed. Methods that cannot omit samples use them.
     #[must_use]
     pub fn stretches(&self, least: usize) -> Vec<Record<'_>> {
         let mut stretches = Vec::new();
@@ -86,7 +86,7 @@ impl<'a> Record<'a> {
     }
 }
 
-/// Columns y(t−1) … y(t−na), u(t) … u(t−lags+1) and the target y(t), over every row t ≥ max(na, lags − 1) whose outputs are all there.
+/// Columns y(t−1) … y(t−na), u(t) … u(t−lags+1) and the target y(t), over every row t ≥ max(na, lags − 1) with complete outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Regression {
     /// Past outputs.
@@ -95,10 +95,10 @@ pub struct Regression {
     pub lags: usize,
 }
 
-/// A column that adds less than this share of its own norm to the ones before it is their combination.
+/// A column whose new part is below this share of its norm depends on the previous ones.
 pub(crate) const DEPENDENT: f64 = 1e-11;
 
-/// How many columns of a regression are independent.
+/// Number of independent columns of a regression.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rank {
     pub rank: usize,
@@ -110,26 +110,26 @@ pub struct Rank {
 pub struct Triangle {
     pub r: DMatrix<f64>,
     pub rows: usize,
-    /// Norms of the columns that were factored, which say what is small.
+    /// Norms of the factored columns: the scale for rounding.
     pub norms: Vec<f64>,
 }
 
-/// The coefficients of a regression and what their covariance is made of: `variance` times `inverse`.
+/// The coefficients of a regression, and the parts of their covariance: `variance` times `inverse`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
-    /// One for each column, 0 for a column that is a combination of the ones before it.
+    /// One for each column, 0 for a column that depends on the previous ones.
     pub coefficients: DVector<f64>,
     /// The inverse Gram matrix; 0 for a column left out.
     pub inverse: DMatrix<f64>,
     /// Residual variance, Σ e²/(rows − rank).
     pub variance: f64,
     pub rows: usize,
-    /// Columns that count.
+    /// Number of independent columns.
     pub rank: usize,
 }
 
 impl Triangle {
-    /// The least-squares solution; `None` where there are no more rows than independent columns, or no such column.
+    /// The least-squares solution. `None` without an independent column, or with no more rows than independent columns.
     pub fn solve(&self) -> Option<Solution> {
         let columns = self.r.ncols() - 1;
         let keep: Vec<usize> = (0..columns)
@@ -141,7 +141,7 @@ impl Triangle {
         }
         let mut chosen = keep.clone();
         chosen.push(columns);
-        // What remains of a triangle without some of its columns is made a triangle again.
+        // A triangle without some of its columns is refactored.
         let r =
             if rank == columns { self.r.clone() } else { upper(self.r.select_columns(&chosen)) };
         let triangle = r.view((0, 0), (rank, rank));
@@ -170,7 +170,7 @@ impl Regression {
         self.na + self.lags
     }
 
-    /// The first row that sees no sample before the record.
+    /// The first row that needs no sample before the record.
     #[must_use]
     pub fn first_row(self) -> usize {
         self.na.max(self.lags.saturating_sub(1))
@@ -245,8 +245,8 @@ impl Regression {
         rows.finish()
     }
 
-    /// The factor of all lags of several inputs of one output, `inputs[j]` holding the records of input j: columns y(t−1) … y(t−na), then `lags` of each input in
-    /// turn, then y(t).
+    /// The factor of all lags of several inputs of one output; `inputs[j]` holds the records of input j. Columns: y(t−1) … y(t−na), then `lags` of each input
+    /// in turn, then y(t).
     pub fn joint(self, inputs: &[Vec<Record>]) -> Triangle {
         let size = self.na + self.lags * inputs.len() + 1;
         let mut rows = Rows::new(size);
@@ -268,7 +268,7 @@ impl Regression {
     }
 }
 
-/// Rows taken in one by one, of which only the triangular factor is kept.
+/// Rows added one by one, of which only the triangular factor is kept.
 struct Rows {
     block: DMatrix<f64>,
     filled: usize,
@@ -315,7 +315,7 @@ impl Rows {
     }
 }
 
-/// Rows that one QR step takes in.
+/// Rows per QR step.
 const ROWS: usize = 256;
 /// Σ a·b in eight partial sums.
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -330,7 +330,7 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + rest
 }
 
-/// The factor of a Gram matrix, or `None` where squaring the condition number costs too many digits.
+/// The factor of a Gram matrix; `None` where squaring the condition number costs too many digits.
 fn cholesky(gram: &DMatrix<f64>, rows: usize) -> Option<Triangle> {
     let n = gram.nrows();
     let norms: Vec<f64> = (0..n).map(|i| gram[(i, i)].max(0.0).sqrt()).collect();
@@ -351,7 +351,7 @@ fn cholesky(gram: &DMatrix<f64>, rows: usize) -> Option<Triangle> {
                 }
                 r[(i, i)] = value.sqrt();
             } else {
-                // The residual: zero to rounding is for QR to resolve.
+                // A residual of zero up to rounding needs QR.
                 if value <= 1e-9 * gram[(i, i)] {
                     return None;
                 }

@@ -1,4 +1,4 @@
-//! A subspace model of the same order, as a start of searches that may end elsewhere and as the measure of where they end.
+//! A subspace model of the same order: a further start of a search, and the reference for its result.
 
 use nalgebra::Complex;
 
@@ -6,19 +6,19 @@ use crate::subspace::identifier::{Identifier, Pbsidopt, Settings};
 use crate::subspace::recordings::Recordings;
 use deadtime_signal::progress::HowFar;
 
-/// An output error of this many times the power of the subspace model's is that of another minimum.
+/// An output error above this multiple of the subspace model's power indicates another minimum.
 pub(crate) const FAR: f64 = 2.0;
 
 /// A subspace model of one output.
 pub(crate) struct Rival {
     /// Its poles, in the z plane.
     pub(crate) poles: Vec<Complex<f64>>,
-    /// The mean square of its errors in a free run, the output's standard deviation being 1; infinite for an unstable model.
+    /// The mean square of its free-run errors, with an output of standard deviation 1; infinite for an unstable model.
     pub(crate) mean_square: f64,
 }
 
 impl Rival {
-    /// Of so many states, behind these input delays, samples.
+    /// The model of this many states, behind these input delays, samples.
     pub(crate) fn of(used: &Recordings, delays: &[usize], order: usize) -> Option<Self> {
         let behind = used.behind_delays(delays).ok()?;
         let settings = Settings { order: Some(order), draws: 0, ..Settings::default() };

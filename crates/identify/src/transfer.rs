@@ -17,32 +17,33 @@ use crate::subspace::recordings::{Recordings, Scales, Stretch};
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stats::{self, interval95};
 
-/// y = Σ B_j(q)/F(q)·u_j(t − nk_j) + e/D(q), by refined instrumental variables: F is common to all inputs, each has a B and a dead time of its own.
+/// y = Σ B_j(q)/F(q)·u_j(t − nk_j) + e/D(q), by refined instrumental variables. F is common to all inputs; each has a B and a dead time of its own.
 ///
-/// Inputs with poles of their own are in it: F is then the product of their polynomials, and each B has as many coefficients more. Every delay up to `max_delay` is
-/// tried, of several inputs one input after the other until none changes; the smallest loss decides. Every record has a level and a start of its own.
-/// Intervals are those of the asymptotic covariance (`RefinedIv`), given the delays; they hold where D is the noise's own.
-/// Assumes: open loop, inputs that are rich, a stable plant.
-/// Fails when: the input depends on the output (biased); there are too few coefficients (the rest is called noise or dead time); or the noise is no autoregression.
+/// The structure includes inputs with poles of their own: F is then the product of their polynomials, and each B has correspondingly more coefficients. Every
+/// delay up to `max_delay` is tested, for several inputs one input after the other until convergence; the smallest loss decides. Every record has its own
+/// offset and initial state. Intervals come from the asymptotic covariance (`RefinedIv`), given the delays; they are valid where D is the noise's own.
+/// Assumes: open loop, persistently exciting inputs, a stable plant.
+/// Fails when: the input depends on the output (biased). With too few coefficients, noise or dead time absorb the remainder. Noise other than an autoregression
+/// invalidates the intervals.
 /// Source: Young (2011), "Recursive Estimation and Time-Series Analysis", 2nd ed., chapter 7, doi:10.1007/978-3-642-21981-8; Jakeman and Young (1979),
 /// Int. J. Control 29(4), 621-644, doi:10.1080/00207177908922724 (several inputs, covariance).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Riv {
-    /// Coefficients of F, the poles; default 2. `order` is another name.
+    /// Coefficients of F, the poles; default 2. `order` is a synonym.
     #[serde(alias = "order")]
     pub nf: usize,
     /// Coefficients of B, for each input; default 2.
     pub nb: usize,
     /// Coefficients of D, the noise's poles; `None`: by Schwarz's criterion, at most 10.
     pub noise: Option<usize>,
-    /// The lag of each input's first coefficient, samples; `None`: the best is searched.
+    /// The lag of each input's first coefficient, samples; `None`: searched.
     pub nk: Option<Vec<usize>>,
-    /// Longest lag that is searched, samples; default 35.
+    /// Longest lag searched, samples; default 35.
     pub max_delay: usize,
-    /// Whether inputs act within the sample: lags from 0 on; default not, lags from 1 on.
+    /// Whether inputs act within the sample: lags from 0 on; default no, lags from 1 on.
     pub direct: Direct,
-    /// Drawn models for bands, and as many small ones for standard deviations of poles; default 200, 0: none.
+    /// Drawn models for bands, and as many small ones for standard deviations of poles; default 200; 0: none.
     pub draws: usize,
     /// Seed of the draws; default 1.
     pub seed: u64,
@@ -64,29 +65,29 @@ impl Default for Riv {
 }
 
 const NAME: &str = "riv";
-/// Most poles of the noise that are tried.
+/// Largest number of noise poles tested.
 const NOISE: usize = 10;
-/// Poles of the noise while delays are searched.
+/// Number of noise poles during the search of delays.
 const ROUGH_NOISE: usize = 2;
-/// Turns in which the delay of each input is searched.
+/// Largest number of passes over the delays of all inputs.
 const TURNS: usize = 6;
-/// How often noise may pass for a response.
+/// False-alarm probability of a response.
 const BY_CHANCE: f64 = 0.003;
-/// Most records, or stretches between gaps, whose starts are estimated.
+/// Largest number of records, or stretches between gaps, with estimated initial states.
 const STRETCHES: usize = 100;
 
-/// Stretches in scaled units, and how they are cut: the longest lag comes off the front of the output.
+/// Stretches in scaled units, and their cuts: the output starts after the longest lag.
 struct Data {
     scaled: Vec<Stretch>,
     longest: usize,
-    /// Coefficients of a start.
+    /// Coefficients of an initial state.
     starts: usize,
 }
 
 impl Data {
-    /// The inputs at these lags, then of every stretch its start and its level, as inputs of their own.
+    /// The inputs at these lags, then the initial state and the offset of every stretch, as inputs of their own.
     ///
-    /// A start is C/F of an impulse: it holds the plant's response to inputs before the stretch, and the inputs that B reaches there.
+    /// An initial state is C/F of an impulse. The initial state represents the plant's response to earlier inputs, including those that B reaches.
     fn problem<'a>(&'a self, lags: &[usize], nb: usize, outputs: &'a [Vec<f64>]) -> IvProblem<'a> {
         let rows = |s: &Stretch| s.len() - self.longest;
         let input = |(j, lag): (usize, &usize)| {
@@ -149,7 +150,7 @@ impl Identifier for Riv {
         let found = search.best(&from, &to, far).ok_or_else(|| {
             failed("no model of these orders is stable and explains the data; take smaller nf and nb, or record with a stronger excitation")
         })?;
-        // The noise's own order, and all again under it.
+        // The noise's own order, and a refit under it.
         let problem = data.problem(&found.lags, nb, &outputs);
         let left = rough.left(&problem, &found.fit);
         let orders = match (self.noise, noise_model(&left, NOISE)) {
@@ -166,7 +167,7 @@ impl Identifier for Riv {
             .map(|fit| orders.polished(&problem, fit))
             .ok_or_else(|| failed("the rounds have no finite end; take smaller orders"))?;
         let rows: usize = outputs.iter().map(Vec::len).sum();
-        // Poles may settle on any of N/2 frequencies, where a lag is but a phase; and the starts are free in the model without inputs, too.
+        // Poles may converge to any of N/2 frequencies, where a lag is only a phase. The initial states are free in the model without inputs, too.
         let tries = (1 + longest) as f64 * (rows as f64 / 2.0).max(1.0);
         let free = nf + m * nb + used.stretches.len() * starts;
         let limit =
@@ -236,7 +237,7 @@ fn smallest(orders: &RefinedIv, problem: &IvProblem<'_>, starts: Vec<Vec<f64>>) 
     fits.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss))
 }
 
-/// Where the lags are searched.
+/// The data of the search for lags.
 struct Search<'a> {
     data: &'a Data,
     outputs: &'a [Vec<f64>],
@@ -244,7 +245,7 @@ struct Search<'a> {
     nb: usize,
 }
 
-/// The lags with the smallest loss, and the first and last of each input that fit as well but for chance.
+/// The lags with the smallest loss, and the first and last equivalent lag of each input.
 struct Found {
     lags: Vec<usize>,
     ends: Vec<[usize; 2]>,
@@ -263,7 +264,7 @@ impl Search<'_> {
             let before = lags.clone();
             for j in 0..m {
                 let mut all = self.along(&lags, j, (from[j], to[j]), best.as_ref());
-                // Once more from the best poles, which one delay finds and its neighbour may not.
+                // Once more from the best poles, which one delay may find and its neighbour miss.
                 let lowest =
                     all.iter().flatten().min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)).cloned()?;
                 let lowest = self.restarted(&lags, j, lowest);
@@ -290,7 +291,7 @@ impl Search<'_> {
         Some(Found { lags, ends, fit: best? })
     }
 
-    /// The model of smallest loss at this lag of one input, of filtered starts too.
+    /// The model of smallest loss at this lag of one input, including filtered starts.
     fn restarted(&self, lags: &[usize], input: usize, (lag, fit): (usize, IvFit)) -> IvFit {
         let mut own = lags.to_vec();
         own[input] = lag;
@@ -299,7 +300,7 @@ impl Search<'_> {
         smallest(&self.rough, &problem, others).filter(|o| o.loss < fit.loss).unwrap_or(fit)
     }
 
-    /// The best model at every lag of one input, the others' lags staying.
+    /// The best model at every lag of one input, with the other lags fixed.
     fn along(
         &self,
         lags: &[usize],
@@ -318,7 +319,7 @@ impl Search<'_> {
         (from..=to).into_par_iter().map(at).collect()
     }
 
-    /// First and last of the most likely lags, of which together 95 % of the likelihood is.
+    /// First and last of the most likely lags with 95 % of the total likelihood.
     fn as_good(&self, all: &[Option<(usize, IvFit)>], best: f64) -> [usize; 2] {
         let rows: usize = self.outputs.iter().map(Vec::len).sum();
         let floor = f64::MIN_POSITIVE;
@@ -344,7 +345,7 @@ impl Search<'_> {
     }
 }
 
-/// What an answer is made of.
+/// The data of a result.
 struct Answer<'a> {
     used: &'a Recordings,
     scales: Scales,
@@ -372,7 +373,7 @@ impl Riv {
             .as_ref()
             .map(|c| DMatrix::from_fn(count, count, |i, j| c[(i, j)] * unit(i) * unit(j)));
         let delays: Vec<usize> = of.lags.iter().map(|l| l.saturating_sub(1)).collect();
-        // Lags of the first coefficient that are left in the matrices.
+        // Lags of the first coefficient that remain in the matrices.
         let inside: Vec<usize> = of.lags.iter().zip(&delays).map(|(l, d)| l - d).collect();
         let build = |values: &[f64]| {
             Some((observer(&values[..nf], &values[nf..], &inside), delays.clone()))
@@ -445,7 +446,7 @@ impl Riv {
         lags.chain(coefficients).collect()
     }
 
-    /// What a user should know.
+    /// Notes for the reader.
     fn notes(&self, of: &Answer<'_>) -> Vec<String> {
         let mut notes: Vec<String> = of.said.iter().cloned().collect();
         if !of.fit.converged {
@@ -477,7 +478,7 @@ impl Riv {
         notes
     }
 
-    /// The scaled output's mean level, each stretch by its length: c/F of 1 is where it settles.
+    /// The scaled output's mean offset, weighted by stretch length: the steady state of c/F for an input of 1.
     fn level(&self, of: &Answer<'_>) -> f64 {
         let at_rest = 1.0 + of.fit.f.iter().sum::<f64>();
         let (inputs, each) = (of.lags.len() * self.nb, self.nf.max(self.nb - 1) + 1);
@@ -488,7 +489,7 @@ impl Riv {
     }
 }
 
-/// Σ B_j/F u_j in observer form, the first coefficient of input j at the lag `lags[j]`, 0 or 1; B of all inputs one after the other.
+/// Σ B_j/F u_j in observer form. The first coefficient of input j is at the lag `lags[j]`, 0 or 1; B of all inputs one after the other.
 fn observer(f: &[f64], b: &[f64], lags: &[usize]) -> InnovationsModel {
     let (m, nb) = (lags.len(), b.len() / lags.len().max(1));
     let last = lags.iter().map(|l| l + nb - 1).max().unwrap_or(0);
@@ -503,7 +504,7 @@ fn observer(f: &[f64], b: &[f64], lags: &[usize]) -> InnovationsModel {
             n,
             |i, j| if j == 0 { -pole(i) } else { f64::from(u8::from(j == i + 1)) },
         ),
-        // What goes straight through is fed back by F too.
+        // F also feeds back the direct path.
         b: DMatrix::from_fn(n, m, |i, j| at(i + 1, j) - pole(i) * at(0, j)),
         c: DMatrix::from_fn(1, n, |_, j| f64::from(u8::from(j == 0))),
         d: DMatrix::from_fn(1, m, |_, j| at(0, j)),

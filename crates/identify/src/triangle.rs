@@ -7,13 +7,14 @@ use faer::linalg::qr::no_pivoting::factor::{
 use faer::{Mat, Par};
 use nalgebra::DMatrix;
 
-/// Columns from which on faer is faster, the copy to it and back included (benches/dense.rs: as fast at 4 columns, 1.4 times as fast at 8, 2 at 16, 7 at 64).
+/// Columns from which on faer is faster, copies included. Speed-up in benches/dense.rs: 1 at 4 columns, 1.4 at 8, 2 at 16, 7 at 64.
 const FAER: usize = 8;
 
-/// A column of which so little is left, as a part of its norm, depends on those before it. faer's blocks lose what comes after one: nalgebra takes its time there.
+/// A column whose remainder is below this share of its norm depends on the previous ones. faer's blocks lose the columns after such a one, so nalgebra is used
+/// there.
 const DEPENDENT: f64 = 1e-12;
 
-/// R of a = QR, its diagonal 0 or more. On one thread, so that their number does not change the result.
+/// R of a = QR, with a nonnegative diagonal. One thread, so that the number of threads does not change the result.
 pub(crate) fn upper(a: DMatrix<f64>) -> DMatrix<f64> {
     let (rows, columns) = a.shape();
     if columns < FAER || rows < columns {
@@ -38,7 +39,7 @@ pub(crate) fn upper(a: DMatrix<f64>) -> DMatrix<f64> {
     );
     let depends = |j: usize| {
         let norm = (0..=j).map(|i| qr[(i, j)].powi(2)).sum::<f64>().sqrt();
-        // What is not a number depends, too.
+        // A value that is not finite counts as dependent.
         let left = qr[(j, j)].abs();
         left.is_nan() || norm.is_nan() || left <= DEPENDENT * norm
     };
@@ -82,7 +83,7 @@ mod tests {
             7 => (i as f64).sin(),
             _ => (i as f64).sin() * if j == 9 { 1.0 } else { (j as f64 + i as f64).cos() },
         });
-        // The past of an output, the past of a step that is nearly all level, the output.
+        // The past of an output, the past of a step that is nearly constant, the output.
         let y: Vec<f64> = (0..360).map(|_| rng.random_range(-1.0..1.0)).collect();
         let many = DMatrix::from_fn(300, 51, |i, j| match j {
             0..10 => y[i + 9 - j],

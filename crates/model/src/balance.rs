@@ -1,11 +1,11 @@
-//! Units of states, inputs, outputs and time in which the entries of a model are of like size. All are powers of two, so that the change rounds nothing.
+//! Units of states, inputs, outputs and time in which the entries of a model are of similar size. All are powers of two, so the conversion is exact.
 //!
-//! Every eigenvalue, zero, exponential, logarithm, norm, Riccati equation and realisation is computed in such units, and its answer is written in those of the
-//! model. How it can be wrong: a unit exceeds the range of floating point (units are bounded); a small entry, left by rounding, decides a unit (rows
-//! and columns are compared by their 2-norm, which their largest entries decide).
+//! Every eigenvalue, zero, exponential, logarithm, norm, Riccati equation and realisation is computed in such units, and converted back to those of the model.
+//! How it can be wrong: a unit exceeds the range of floating point (units are bounded). A small entry from rounding decides a unit (rows and columns are
+//! compared by their 2-norm, which their largest entries dominate).
 //!
-//! Source: Parlett and Reinsch (1969), "Balancing a matrix for calculation of eigenvalues and eigenvectors", doi:10.1007/BF02165404; James, Langou and Lowery
-//! (2014), "On matrix balancing and eigenvector computation", arXiv:1401.5766, for the 2-norm and the end.
+//! Source: Parlett and Reinsch (1969), "Balancing a matrix for calculation of eigenvalues and eigenvectors", doi:10.1007/BF02165404. James, Langou and Lowery
+//! (2014), "On matrix balancing and eigenvector computation", arXiv:1401.5766, for the 2-norm and the stopping rule.
 
 use nalgebra::DMatrix;
 
@@ -13,11 +13,11 @@ use super::matrices::Matrices;
 
 /// Rounds over all states.
 const ROUNDS: usize = 60;
-/// A round counts where it takes at least this share off a row and its column.
+/// A round continues if it reduces a row and its column to at most this share.
 const WORTH: f64 = 0.95;
-/// Units closer than this to each other cost an answer little more than a digit; they stay as they are.
+/// Units within this factor of each other cost about one digit; they are left unchanged.
 const LIKE: f64 = 16.0;
-/// The largest power of two of a unit; products of two of them with an entry stay within floating point.
+/// The largest exponent of two of a unit; products of two units with an entry stay within floating point.
 const LARGEST: f64 = 300.0;
 
 /// The power of two nearest to a positive number, within bounds.
@@ -25,7 +25,7 @@ fn power_of_two(v: f64) -> f64 {
     v.log2().round().clamp(-LARGEST, LARGEST).exp2()
 }
 
-/// Units t with which T⁻¹·M·T has rows and columns of like size, T = diag(t).
+/// Units t with which T⁻¹·M·T has rows and columns of similar size, T = diag(t).
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Units(Vec<f64>);
 
@@ -41,7 +41,7 @@ impl Units {
         let mut t = vec![1.0; n];
         for _ in 0..ROUNDS {
             let mut still = true;
-            // What has no row, or no column, is brought down to the largest of the others.
+            // A state without a row, or without a column, is scaled down to the largest of the others.
             let whole = (0..n)
                 .map(|i| {
                     let [row, column] = row_and_column([a, b, c], &t, i);
@@ -72,7 +72,7 @@ impl Units {
         Self(t)
     }
 
-    /// The same, or none where they are alike: then nothing is gained, and the bits of the answer stay.
+    /// The same, or `None` for similar units: balancing is then useless, and the bits of the result stay.
     pub(super) fn worth(self) -> Option<Self> {
         let least = self.0.iter().copied().fold(f64::INFINITY, f64::min);
         let most = self.0.iter().copied().fold(0.0, f64::max);
@@ -89,7 +89,7 @@ impl Units {
         DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)] * self.0[i] / self.0[j])
     }
 
-    /// T⁻¹·M: what drives the states.
+    /// T⁻¹·M: a matrix that drives the states.
     pub(super) fn driven(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
         DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)] / self.0[i])
     }
@@ -109,7 +109,7 @@ impl Units {
         DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)] / self.0[i] / self.0[j])
     }
 
-    /// M·T: what the states show.
+    /// M·T: a matrix from the states to the outputs.
     pub(super) fn shown(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
         DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)] * self.0[j])
     }
@@ -143,7 +143,7 @@ impl Matrices {
         }
     }
 
-    /// The same model in units of its states where those at hand are far apart, else as it is.
+    /// The same model in balanced units of its states if the present ones differ widely, else unchanged.
     pub(super) fn in_like_units(self) -> Self {
         match Units::of_model(&self.a, &self.b, &self.c).worth() {
             Some(units) => self.in_units(&units),
@@ -151,7 +151,8 @@ impl Matrices {
         }
     }
 
-    /// The same zeros, in units of states, inputs, outputs and time in which A, B and C are of like size. They are multiplied by the unit of time, which is returned.
+    /// The same zeros, in units of states, inputs, outputs and time in which A, B and C are of similar size. The zeros are multiplied by the unit of time,
+    /// which is returned.
     pub(super) fn for_zeros(self) -> (Self, f64) {
         let Self { mut a, mut b, mut c, mut d } = self.balanced();
         let size = a.norm();

@@ -1,10 +1,10 @@
-//! Realisation of zeros, poles and gain as a cascade of real sections, which keeps clustered poles as exact as they are given.
+//! Realisation of zeros, poles and gain as a cascade of real sections, which keeps the accuracy of clustered poles.
 
 use nalgebra::{Complex, DMatrix};
 
 use super::error::ModelError;
 
-/// Orders roots as conjugate pairs (upper first) followed by real ones; near-pairs are made exact.
+/// Orders roots as conjugate pairs (upper first) followed by real ones; nearly conjugate roots become exact pairs.
 pub(super) fn pair_conjugates(
     what: &'static str,
     roots: Vec<Complex<f64>>,
@@ -103,7 +103,7 @@ fn sections(zeros: &[Complex<f64>], poles: &[Complex<f64>]) -> Vec<Section> {
         });
     }
     for z in zero_pairs {
-        // Two real poles for a pair of complex zeros; zeros never outnumber poles, so they are there.
+        // Two real poles for a pair of complex zeros; they exist, because zeros never outnumber poles.
         let p1 = take_nearest(&mut real_poles, |p| (p - z.re).abs()).unwrap_or(0.0);
         let p2 = take_nearest(&mut real_poles, |p| (p - z.re).abs()).unwrap_or(0.0);
         let a = DMatrix::from_row_slice(2, 2, &[p1, 1.0, 0.0, p2]);
@@ -130,7 +130,7 @@ fn sections(zeros: &[Complex<f64>], poles: &[Complex<f64>]) -> Vec<Section> {
     sections
 }
 
-/// The numerator of a pair of complex poles, from the zeros nearest to it: constant and linear coefficient without the direct path, and the direct path.
+/// The numerator of a pair of complex poles, from the nearest zeros. Constant and linear coefficient without the direct path, and the direct path.
 fn nearest_zeros(
     p: Complex<f64>,
     zero_pairs: &mut Vec<Complex<f64>>,

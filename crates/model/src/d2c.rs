@@ -8,7 +8,7 @@ use super::matrix;
 use super::state_space::{Continuous, Sampled, StateSpace};
 use super::transfer_function::TransferFunction;
 
-/// Ways back to continuous time.
+/// Methods of the conversion to continuous time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum D2c {
     /// The model whose zero-order-hold conversion is the sampled one.
@@ -16,15 +16,15 @@ pub enum D2c {
     ZeroOrderHold,
     /// The inverse of Tustin's rule, z = (1 + sTs/2)/(1 − sTs/2).
     Tustin,
-    /// Poles and zeros by their logarithms, of one input and one output; zeros at −1 are those that the other direction added.
+    /// Poles and zeros by their logarithms, for one input and one output; zeros at −1 are removed, because the forward conversion adds them.
     Matched,
 }
 
-/// As [`d2c`], by any way.
+/// As [`d2c`], by the given method.
 ///
 /// # Errors
-/// [`ModelError::NoLogarithm`] for a pole or zero that has no continuous counterpart: of the hold one at 0, of Tustin one at −1, of matching one at 0 or on the
-/// negative real axis; [`ModelError::Count`] for matching several channels.
+/// [`ModelError::NoLogarithm`] for a pole or zero without a continuous counterpart. Such roots are for the hold one at 0, for Tustin one at −1, for matching
+/// one at 0 or on the negative real axis. [`ModelError::Count`] for matching several channels.
 pub fn d2c_by(sys: &StateSpace<Sampled>, way: D2c) -> Result<StateSpace<Continuous>, ModelError> {
     match way {
         D2c::ZeroOrderHold => match d2c(sys) {
@@ -55,9 +55,9 @@ pub fn d2c(sys: &StateSpace<Sampled>) -> Result<StateSpace<Continuous>, ModelErr
     StateSpace::continuous(a, b, sys.c().clone(), sys.d().clone())?.with_input_delay(delays_s(sys))
 }
 
-/// With a second state for every simple pole p < 0, so that the pair ln|p| ± jπ has its hold: MATLAB's `d2c` raises the order so.
+/// With a second state for every simple pole p < 0: the pair ln|p| ± jπ then has its hold. MATLAB's `d2c` raises the order in the same way.
 ///
-/// [A 0; 0 P] = exp [L −πV; πW ln|P|], A V = V P, WᵀA = P Wᵀ, WᵀV = I, and L the logarithm of A with |p| in the place of p.
+/// [A 0; 0 P] = exp [L −πV; πW ln|P|], A V = V P, WᵀA = P Wᵀ, WᵀV = I. L is the logarithm of A with |p| instead of p.
 fn with_pairs(sys: &StateSpace<Sampled>, re: f64) -> Result<StateSpace<Continuous>, ModelError> {
     let none = || ModelError::NoLogarithm { re };
     let (n, m) = (sys.order(), sys.inputs());
@@ -146,7 +146,7 @@ fn from_matched(sys: &StateSpace<Sampled>) -> Result<StateSpace<Continuous>, Mod
     let finite: Vec<Complex<f64>> =
         sampled.zeros().iter().copied().filter(|z| (z + 1.0).norm() > AT_MINUS_ONE).collect();
     let (zeros, poles) = (back(&finite)?, back(sampled.poles())?);
-    // Gains are alike where neither has a root: at rest, or at ever higher real points.
+    // Gains are matched where neither model has a root: at rest, or at increasing real points.
     let at = (0..)
         .map(|k: u32| f64::from(k) * 0.1 / ts)
         .take(100)
@@ -160,7 +160,7 @@ fn from_matched(sys: &StateSpace<Sampled>) -> Result<StateSpace<Continuous>, Mod
     found.to_state_space()
 }
 
-/// Zeros this near to −1 are there but for rounding.
+/// Zeros within this distance of −1 are at −1 up to rounding.
 const AT_MINUS_ONE: f64 = 1e-6;
 
 #[cfg(test)]
@@ -222,7 +222,7 @@ mod tests {
         assert!(d2c_by(&sampled(&[0.0], 1), D2c::ZeroOrderHold).is_err());
     }
 
-    /// Each way back undoes its way there.
+    /// Each backward conversion inverts its forward conversion.
     #[test]
     fn tustin_and_matching_come_back_to_where_they_began() {
         use crate::c2d::{Conversion, Tustin, ZeroPoleMatching};

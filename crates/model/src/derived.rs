@@ -1,22 +1,22 @@
-//! Channels that are calculated from others, sample by sample: `speed [m/s]=hypot(vx, vy)`.
+//! Channels computed from others, sample by sample: `speed [m/s]=hypot(vx, vy)`.
 //!
-//! The expressions are those of models, with a few functions more that stand for expressions: sizes, angles and rotations. A quaternion is (w, x, y, z) and turns the
-//! body's axes into the world's, as PX4 and ROS log it (ROS writes w last).
+//! The expressions are those of models, with additional functions that expand to expressions: magnitudes, angles and rotations. A quaternion is (w, x, y, z)
+//! and rotates the body's axes into the world's, as PX4 and ROS log it (ROS writes w last).
 //!
-//! How it can be wrong: a sample that is missing in any source is missing in the result, and so is one that is not finite (a division by 0); a quaternion that
-//! is not of length 1 gives no rotation.
+//! How it can be wrong: a sample missing in any source is missing in the result. So is one that is not finite (a division by 0). A quaternion of another length
+//! than 1 gives no rotation.
 
 use crate::equations::error::EquationError;
 use crate::equations::system::{Equations, OutputVariable, Symbol};
 use deadtime_log::{Channel, Log, LogError};
 use deadtime_signal::text::shown;
 
-/// Expressions that grow beyond this are refused.
+/// Longest expanded expression.
 const LONGEST: usize = 1 << 16;
-/// Functions within functions deeper than this are refused.
+/// Deepest nesting of functions.
 const DEEPEST: usize = 32;
 
-/// Functions that stand for expressions: name, number of arguments, and what they stand for.
+/// Functions that expand to expressions: name, number of arguments, expansion.
 const STANDS_FOR: [(&str, usize, &str); 9] = [
     ("hypot", 2, "sqrt($1^2 + $2^2)"),
     ("deg", 1, "($1*57.295779513082320877)"),
@@ -29,7 +29,7 @@ const STANDS_FOR: [(&str, usize, &str); 9] = [
     ("body_z", 7, "(2*($2*$4 + $1*$3)*$5 + 2*($3*$4 - $1*$2)*$6 + (1 - 2*($2^2 + $3^2))*$7)"),
 ];
 
-/// A channel that cannot be calculated.
+/// A channel that cannot be computed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DerivedError {
@@ -47,14 +47,14 @@ pub enum DerivedError {
         /// The sign.
         open: char,
     },
-    /// Not as many arguments as the function takes.
+    /// A wrong number of arguments.
     #[error("`{text}`: `{function}` takes {needed} arguments, {got} given", text = shown(text))]
     Arguments {
         /// The text given.
         text: String,
         /// The function.
         function: &'static str,
-        /// Arguments that it takes.
+        /// Arguments required.
         needed: usize,
         /// Arguments given.
         got: usize,
@@ -65,12 +65,12 @@ pub enum DerivedError {
         /// The text given.
         text: String,
     },
-    /// The expression means nothing.
+    /// An invalid expression.
     #[error("`{text}`: {source}", text = shown(text))]
     Expression {
         /// The text given.
         text: String,
-        /// What is wrong, with its place.
+        /// The error, with its position.
         source: EquationError,
     },
 }
@@ -85,8 +85,8 @@ pub struct Derived {
 }
 
 impl Derived {
-    /// From `NAME=EXPRESSION`, `NAME [UNIT]=EXPRESSION`. Channels stand in the expression by their names; those with other signs than letters, digits, `_`, `.` and indices in
-    /// brackets stand in backticks.
+    /// From `NAME=EXPRESSION`, `NAME [UNIT]=EXPRESSION`. Channels are referred to by their names; names with other characters than letters, digits, `_`, `.`
+    /// and indices in brackets need backticks.
     ///
     /// # Errors
     /// [`DerivedError`].
@@ -118,7 +118,7 @@ impl Derived {
         &self.name
     }
 
-    /// The channels that it is calculated from.
+    /// Its source channels.
     #[must_use]
     pub fn sources(&self) -> &[String] {
         &self.sources
@@ -127,7 +127,7 @@ impl Derived {
     /// The log with the channel.
     ///
     /// # Errors
-    /// [`deadtime_log::LogError`] for a source that is not there, and for a name that is taken.
+    /// [`deadtime_log::LogError`] for a missing source, and for an existing name.
     pub fn add_to(&self, log: Log) -> Result<Log, LogError> {
         let sources =
             self.sources.iter().map(|name| log.output(name)).collect::<Result<Vec<_>, _>>()?;
@@ -153,7 +153,7 @@ impl Derived {
     }
 }
 
-/// What the model's parser calls a source.
+/// The name of a source in the model's parser.
 fn place(at: usize) -> String {
     format!("source{at}")
 }
@@ -172,7 +172,7 @@ impl Reading<'_> {
         place(at)
     }
 
-    /// The expression with every channel under the name that the parser knows, and functions as what they stand for.
+    /// The expression with every channel under its parser name, and with expanded functions.
     fn expanded(&mut self, expression: &str, depth: usize) -> Result<String, DerivedError> {
         if depth > DEEPEST {
             return Err(DerivedError::TooLong { text: self.text.to_owned() });
@@ -255,7 +255,7 @@ impl Reading<'_> {
     }
 }
 
-/// Where a number ends, its exponent included.
+/// The end of a number, its exponent included.
 fn number(text: &str) -> usize {
     let bytes = text.as_bytes();
     let mut end = 0;
@@ -274,7 +274,7 @@ fn number(text: &str) -> usize {
     end
 }
 
-/// Where a name ends: letters, digits, `_`, `.` and indices in brackets.
+/// The end of a name: letters, digits, `_`, `.` and indices in brackets.
 fn name(text: &str) -> usize {
     let mut inside = false;
     for (at, c) in text.char_indices() {
@@ -289,7 +289,7 @@ fn name(text: &str) -> usize {
     text.len()
 }
 
-/// Where the parenthesis at the beginning is closed.
+/// The position of the parenthesis that closes the first one.
 fn closing(text: &str) -> Option<usize> {
     let (mut depth, mut quoted) = (0_usize, false);
     for (at, c) in text.char_indices() {
@@ -308,7 +308,7 @@ fn closing(text: &str) -> Option<usize> {
     None
 }
 
-/// The parts between commas that stand in no parentheses.
+/// The parts between commas outside parentheses.
 fn arguments(text: &str) -> Vec<&str> {
     let (mut depth, mut quoted, mut from, mut parts) = (0_usize, false, 0, Vec::new());
     for (at, c) in text.char_indices() {

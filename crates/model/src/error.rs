@@ -10,7 +10,7 @@ use crate::effect::error::EffectError;
 use crate::equations::error::EquationError;
 use crate::simulate::error::SimulateError;
 
-/// What a file is whose extension is neither `.toml` nor `.json`, and how it can be used. A file of another program stays what it is under another name.
+/// The kind of a file whose extension is neither `.toml` nor `.json`, and its use. Renaming does not convert a file of another program.
 fn foreign(path: &std::path::Path) -> &'static str {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     match extension.as_deref() {
@@ -27,13 +27,13 @@ fn foreign(path: &std::path::Path) -> &'static str {
     }
 }
 
-/// Whatever keeps a model from being built, read, converted or simulated.
+/// Any error of building, reading, converting or simulating a model.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A model that cannot be built, read or converted.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// A channel that cannot be calculated from others.
+    /// A channel that cannot be computed from others.
     #[error(transparent)]
     Derived(#[from] DerivedError),
     /// A simulation that cannot be run.
@@ -48,10 +48,10 @@ pub enum Error {
     /// A log that cannot be read or used.
     #[error(transparent)]
     Log(#[from] LogError),
-    /// A file that the operating system refuses.
+    /// A file error of the operating system.
     #[error(transparent)]
     File(#[from] FileError),
-    /// A sample time or delay that cannot be.
+    /// An invalid sample time or delay.
     #[error(transparent)]
     Time(#[from] TimeError),
 }
@@ -66,28 +66,28 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ModelError {
-    /// A matrix does not have the shape that the others ask for.
+    /// A matrix whose shape contradicts the others.
     #[error(
         "matrix {matrix} is {got_rows} by {got_columns}, but the other matrices and names ask for {rows} by {columns}"
     )]
     Shape {
-        /// Which matrix.
+        /// The matrix.
         matrix: &'static str,
-        /// Rows it should have.
+        /// Rows required.
         rows: usize,
-        /// Columns it should have.
+        /// Columns required.
         columns: usize,
-        /// Rows it has.
+        /// Rows present.
         got_rows: usize,
-        /// Columns it has.
+        /// Columns present.
         got_columns: usize,
     },
-    /// A matrix holds NaN or infinity.
+    /// A matrix contains NaN or infinity.
     #[error(
         "matrix {matrix} holds {value} at row {row}, column {column}; every entry must be finite"
     )]
     NotFinite {
-        /// Which matrix.
+        /// The matrix.
         matrix: &'static str,
         /// Row, from 1.
         row: usize,
@@ -99,24 +99,24 @@ pub enum ModelError {
     /// A list has the wrong length.
     #[error("{what}: {got} given, {needed} needed")]
     Count {
-        /// What the list holds.
+        /// The contents of the list.
         what: &'static str,
-        /// How many there should be.
+        /// The length required.
         needed: usize,
-        /// How many there are.
+        /// The length present.
         got: usize,
     },
-    /// An input or output number that the model does not have.
+    /// An input or output index that the model does not have.
     #[error("there is no {what} {index}; the model has {count} (counted from 0)")]
     Index {
         /// Input, output or state.
         what: &'static str,
-        /// The index asked for.
+        /// The requested index.
         index: usize,
-        /// How many there are.
+        /// The number available.
         count: usize,
     },
-    /// A conversion for one input and one output got more.
+    /// A conversion for one input and one output, applied to more.
     #[error(
         "{method} is defined for one input and one output; this model has {inputs} and {outputs}: select a pair first"
     )]
@@ -149,13 +149,13 @@ pub enum ModelError {
         /// The Nyquist frequency, rad/s.
         nyquist_rad_s: f64,
     },
-    /// A share of the later sample that is none.
+    /// A share of the later sample outside 0 to 1.
     #[error("alpha is {alpha}; it must be 0 (forward difference) to 1 (backward difference)")]
     Alpha {
         /// The share given.
         alpha: f64,
     },
-    /// Tustin's map, or another of differences, sends this pole to infinity.
+    /// Tustin's map, or another difference map, sends this pole to infinity.
     #[error(
         "the model has a pole at s = {s}, which the conversion's map with this sample time sends to infinity; choose another sample time"
     )]
@@ -171,12 +171,12 @@ pub enum ModelError {
         /// Real part of the pole.
         re: f64,
     },
-    /// The iteration behind a conversion did not settle.
+    /// The iteration behind a conversion did not converge.
     #[error(
         "{method}: the fit did not converge in {iterations} iterations (last relative change {change:e})"
     )]
     NotConverged {
-        /// Which conversion.
+        /// The conversion.
         method: &'static str,
         /// Iterations made.
         iterations: usize,
@@ -208,7 +208,7 @@ pub enum ModelError {
         first: String,
         /// Another, or the same.
         second: String,
-        /// What the two have in common.
+        /// The relation between the two.
         rule: &'static str,
     },
     /// A polynomial whose computed roots do not reproduce it.
@@ -240,17 +240,17 @@ pub enum ModelError {
         /// Smallest eigenvalue of the symmetric part.
         smallest: f64,
     },
-    /// A connection would leave a continuous delay inside.
+    /// A connection would leave a continuous delay inside the model.
     #[error(
         "a delay of {delay_s} s {what} has no states in continuous time: convert both systems with c2d first, or approximate it by pade"
     )]
     DelayInside {
-        /// Where.
+        /// The position.
         what: &'static str,
         /// The delay, s.
         delay_s: f64,
     },
-    /// The direct paths of a loop leave no solution.
+    /// The direct paths of a loop make its equation singular.
     #[error(
         "the loop has no solution: its direct paths make I − D₁D₂ singular; leave one of them out"
     )]
@@ -260,16 +260,16 @@ pub enum ModelError {
         "{matrix} is not symmetric: entries ({row}, {column}) and ({column}, {row}) differ by {difference:e}"
     )]
     NotSymmetric {
-        /// Which weight.
+        /// The weight.
         matrix: &'static str,
         /// Row, from 1.
         row: usize,
         /// Column, from 1.
         column: usize,
-        /// By how much.
+        /// The difference.
         difference: f64,
     },
-    /// An unstable mode that no input moves.
+    /// An unstable mode that is not controllable.
     #[error(
         "no stabilising solution: the mode at z = {re}{im:+}i (|z| = {magnitude}) is not stabilisable, no input reaches it"
     )]
@@ -281,7 +281,7 @@ pub enum ModelError {
         /// Magnitude.
         magnitude: f64,
     },
-    /// A mode on the unit circle that costs nothing.
+    /// A mode on the unit circle without a cost.
     #[error(
         "no stabilising solution: the mode at z = {re}{im:+}i lies on the unit circle and the state weight does not see it; give it a cost in Q"
     )]
@@ -291,7 +291,7 @@ pub enum ModelError {
         /// Imaginary part.
         im: f64,
     },
-    /// The Riccati equation has no stabilising solution for a reason other than those above.
+    /// The Riccati equation has no stabilising solution for another reason.
     #[error(
         "no stabilising solution was found: [Q N; N' R] is not positive semidefinite (smallest eigenvalue {smallest:e}), so the cost may have no minimum"
     )]
@@ -299,7 +299,7 @@ pub enum ModelError {
         /// Smallest eigenvalue of the joint weight.
         smallest: f64,
     },
-    /// The iteration for the Riccati equation stopped short of its accuracy.
+    /// The iteration for the Riccati equation ended above its tolerance.
     #[error(
         "the Riccati equation is too ill conditioned: residual {residual:e} relative to its solution; scale states, inputs or weights"
     )]
@@ -307,24 +307,24 @@ pub enum ModelError {
         /// Relative residual.
         residual: f64,
     },
-    /// A model file that cannot be understood.
+    /// A model file that cannot be parsed.
     #[error("{path}: {detail}", path = path.display())]
     File {
         /// The file.
         path: std::path::PathBuf,
-        /// What the parser said, with line and column where it knows them.
+        /// The parser's message, with line and column where known.
         detail: String,
     },
-    /// A model file of a format or kind that this version does not read.
+    /// A model file of an unsupported format or kind.
     #[error("{path}: {key} is `{found}`; this version reads {known}", path = path.display())]
     Kind {
         /// The file.
         path: std::path::PathBuf,
-        /// Which key.
+        /// The key.
         key: &'static str,
-        /// What it says.
+        /// Its value.
         found: String,
-        /// What is understood.
+        /// The supported values.
         known: &'static str,
     },
     /// A nonlinear model where a linear one is needed.
@@ -340,7 +340,7 @@ pub enum ModelError {
     Equations {
         /// The file.
         path: std::path::PathBuf,
-        /// What is wrong, and where in the equation.
+        /// The error, and its position in the equation.
         source: Box<EquationError>,
     },
     /// A state without a derivative, an output without an equation, or the reverse.
@@ -348,38 +348,38 @@ pub enum ModelError {
     Unmatched {
         /// The file.
         path: std::path::PathBuf,
-        /// What has the name.
+        /// The kind of the named item.
         what: &'static str,
         /// The name.
         name: String,
-        /// What is missing, and the remedy.
+        /// The missing part, and the remedy.
         lacks: &'static str,
     },
-    /// A suspected term that cannot be searched for.
+    /// A suspected term that cannot be searched.
     #[error("the candidate `{candidate}`: {why}")]
     Candidate {
-        /// What it is called, or its text.
+        /// Its name, or its text.
         candidate: String,
-        /// What is wrong, and the remedy.
+        /// The fault, and the remedy.
         why: String,
     },
-    /// A nuisance that is none.
+    /// An invalid nuisance.
     #[error("{path}: the nuisance `{nuisance}`: {why}", path = path.display())]
     Nuisance {
         /// The file.
         path: std::path::PathBuf,
         /// The entry, as `effect:channel`.
         nuisance: String,
-        /// What is wrong, and the remedy.
+        /// The fault, and the remedy.
         why: String,
     },
-    /// A file name whose extension says neither TOML nor JSON.
+    /// A file name whose extension is neither TOML nor JSON.
     #[error("{path}: {remedy}", path = path.display(), remedy = foreign(path))]
     Extension {
         /// The file.
         path: std::path::PathBuf,
     },
-    /// Two channels or states of one name.
+    /// Two channels or states with one name.
     #[error("{path}: the {what} `{name}` is named twice", path = path.display())]
     Duplicate {
         /// The file.
@@ -389,31 +389,31 @@ pub enum ModelError {
         /// The name.
         name: String,
     },
-    /// A number that must be finite or not negative is neither.
+    /// A value that must be finite or not negative is neither.
     #[error("{path}: {key} holds {value}; {rule}", path = path.display())]
     Number {
         /// The file.
         path: std::path::PathBuf,
-        /// Which key.
+        /// The key.
         key: &'static str,
-        /// The number.
+        /// The value.
         value: f64,
-        /// What it must be.
+        /// The rule.
         rule: &'static str,
     },
     /// A continuous model where a sampled one is needed, or the reverse.
     #[error("{what} needs a {needed} model; `{name}` is {found}")]
     Domain {
-        /// What was to be done.
+        /// The operation.
         what: &'static str,
         /// Continuous or sampled.
         needed: &'static str,
         /// The model's name.
         name: String,
-        /// What it is.
+        /// Its actual domain.
         found: &'static str,
     },
-    /// A model with effects where a bare one is needed.
+    /// A model with effects where one without effects is needed.
     #[error(
         "c2d converts the bare model; take the [[effects]] of `{name}` out (a delay of an input can stand in input_delay_s)"
     )]
@@ -426,14 +426,14 @@ pub enum ModelError {
         "the two models have different {what}: {first} and {second}; compare models of the same channels, in the same time and behind the same delays"
     )]
     Unlike {
-        /// What differs.
+        /// The difference.
         what: &'static str,
-        /// That of the first.
+        /// The first model's value.
         first: f64,
-        /// That of the second.
+        /// The second model's value.
         second: f64,
     },
-    /// A sample time or delay that cannot be.
+    /// An invalid sample time or delay.
     #[error(transparent)]
     Time(#[from] deadtime_signal::time::TimeError),
 }

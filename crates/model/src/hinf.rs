@@ -1,7 +1,7 @@
-//! The H-infinity norm, the largest gain over all frequencies and directions, and the same over a band for models of any poles.
+//! The H-infinity norm, the largest gain over all frequencies and directions; and the largest gain over a band for models of any poles.
 //!
-//! How it can be wrong: a peak lies between the frequencies that were evaluated (the level sets find it); a pole on the axis belongs to the realisation alone
-//! (it is taken for one of the response); a level is a singular value of D (the crossings are then those of rounding; the gains evaluated stay true).
+//! How it can be wrong: a peak lies between the evaluated frequencies (the level sets find it). A pole on the axis belongs to the realisation alone (it counts
+//! as one of the response). A level is a singular value of D (the crossings are then rounding; the evaluated gains remain correct).
 
 use deadtime_signal::decompositions::singular_values;
 use nalgebra::{Complex, DMatrix};
@@ -10,24 +10,24 @@ use super::matrices::Matrices;
 use super::state_space::{StateSpace, TimeDomain};
 use super::zeros;
 
-/// The largest gain of a model, and where it is.
+/// The largest gain of a model, and its frequency.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Peak {
-    /// The norm; infinite for a model with a pole that does not decay (of a band: with a pole on the axis within it).
+    /// The norm; infinite for a model with an unstable pole (for a band: with a pole on the axis within it).
     pub gain: f64,
-    /// The frequency, rad/s; infinite where the gain grows towards that of the direct path, NaN for an infinite norm.
+    /// The frequency, rad/s; infinite where the gain increases towards that of the direct path, NaN for an infinite norm.
     pub omega_rad_s: f64,
 }
 
 /// All frequencies.
 const EVERYWHERE: [f64; 2] = [0.0, f64::INFINITY];
 
-/// How far, relatively, the norm may lie above the gain that is returned, which is attained.
+/// Relative bound of the norm's excess over the returned gain, which is attained.
 const TOLERANCE: f64 = 1e-10;
-/// An eigenvalue this close to the imaginary axis, relative to its size, may be on it: looking at a frequency too many costs nothing.
+/// An eigenvalue within this relative distance of the imaginary axis may be on it: an additional frequency costs nothing.
 const NEAR_AXIS: f64 = 1e-5;
 
-/// A pole this close to the imaginary axis, relative to its size (to that of A where it is 0), is on it.
+/// A pole within this distance of the imaginary axis, relative to its size (to that of A where it is 0), is on it.
 const ON_AXIS: f64 = 1e-13;
 
 impl Matrices {
@@ -52,7 +52,7 @@ impl Matrices {
     }
 
     /// Frequencies at which a singular value may be `gamma`: imaginary eigenvalues of the Hamiltonian matrix. `gamma` may be below the gain of D, whose
-    /// frequencies a band may leave out.
+    /// frequencies a band may exclude.
     fn crossings(&self, gamma: f64) -> Vec<f64> {
         let (n, m) = self.b.shape();
         let weight = (DMatrix::from_diagonal_element(m, m, gamma * gamma)
@@ -82,10 +82,10 @@ impl Matrices {
     }
 }
 
-/// The norm by level sets: each round looks between the frequencies at which the gain crosses a level just above the best one so far.
+/// The norm by level sets. Each round evaluates between the frequencies at which the gain crosses a level just above the best so far.
 ///
 /// Source: Bruinsma and Steinbuch (1990), "A fast algorithm to compute the H∞-norm of a transfer function matrix", Systems & Control Letters 14(4), 287-293,
-/// doi:10.1016/0167-6911(90)90049-Z; a sampled model by its bilinear image z = (1 + s)/(1 − s), whose gains are the same.
+/// doi:10.1016/0167-6911(90)90049-Z. A sampled model is replaced by its bilinear image z = (1 + s)/(1 − s), which has the same gains.
 pub(super) fn peak<T: TimeDomain>(sys: &StateSpace<T>) -> Peak {
     let infinite = Peak { gain: f64::INFINITY, omega_rad_s: f64::NAN };
     if !sys.is_stable() {
@@ -95,10 +95,10 @@ pub(super) fn peak<T: TimeDomain>(sys: &StateSpace<T>) -> Peak {
     continuous(sys).map_or(infinite, |image| on_axis_of(sys, search(&image, EVERYWHERE)))
 }
 
-/// The same by the response alone, over a band in rad/s: the poles may lie on either side of the axis. `None` where the band holds no frequency.
+/// The same from the response alone, over a band in rad/s: the poles may lie on either side of the axis. `None` where the band contains no frequency.
 pub(super) fn peak_within<T: TimeDomain>(sys: &StateSpace<T>, band: [f64; 2]) -> Option<Peak> {
     let half = sys.domain().sample_time_s().map(|ts| 0.5 * ts);
-    // From 0 to the Nyquist frequency: tan π/2 is no infinity in floating point.
+    // From 0 to the Nyquist frequency: tan π/2 is finite in floating point.
     let image = |omega: f64| {
         half.map_or(omega, |half| {
             if omega * half >= std::f64::consts::FRAC_PI_2 {
@@ -126,7 +126,7 @@ pub(super) fn peak_within<T: TimeDomain>(sys: &StateSpace<T>, band: [f64; 2]) ->
     Some(on_axis_of(sys, search(&image, band)))
 }
 
-/// A model in continuous time with the gains of this one, in balanced states, its delays left out; `None` for a pole at z = −1.
+/// A continuous-time model with the same gains, in balanced states, without delays. `None` for a pole at z = −1.
 pub(super) fn continuous<T: TimeDomain>(sys: &StateSpace<T>) -> Option<Matrices> {
     let given = Matrices::of(sys).balanced();
     if sys.domain().sample_time_s().is_none() {
@@ -136,7 +136,7 @@ pub(super) fn continuous<T: TimeDomain>(sys: &StateSpace<T>) -> Option<Matrices>
     }
 }
 
-/// A place on the axis of [`continuous`] as the model's own frequency.
+/// A point on the axis of [`continuous`] as the model's own frequency.
 pub(super) fn on_axis_of<T: TimeDomain>(sys: &StateSpace<T>, found: Peak) -> Peak {
     let own = |omega: f64| sys.domain().sample_time_s().map_or(omega, |ts| 2.0 * omega.atan() / ts);
     Peak { omega_rad_s: own(found.omega_rad_s), ..found }
@@ -173,28 +173,30 @@ pub(super) fn search(sys: &Matrices, [low, high]: [f64; 2]) -> Peak {
         }
         best
     };
-    // Where a lightly damped pole resonates, the norm is near; next to it, because zeros may lie on all these points.
+    // At the resonance of a lightly damped pole the gain is near the norm. A neighbouring point is added, because zeros may lie on all these points.
     let resonances: Vec<f64> = zeros::eigenvalues(&sys.a)
         .iter()
         .flat_map(|p| [p.norm(), p.im.abs(), 0.37 * p.norm(), 2.9 * p.norm()])
         .collect();
     look(&resonances);
     if [low, high] != EVERYWHERE {
-        // Resonances may all lie outside a band, and its ends may be zeros: at so many points no response of this order is 0 that is not 0 everywhere.
+        // Resonances may all lie outside a band, and its ends may be zeros. At this number of points no response of this order vanishes without vanishing
+        // everywhere.
         let (count, end) =
             (2 * sys.a.nrows() + 2, if high.is_finite() { high } else { 10.0 * low.max(1.0) });
         look(&(0..=count).map(|k| low + (end - low) * k as f64 / count as f64).collect::<Vec<_>>());
     }
     let mut found = look(&[low, high]);
     if sys.a.is_empty() || found.gain == 0.0 {
-        // A transfer function of zeros at all of these frequencies is zero.
+        // A transfer function with zeros at all of these frequencies is zero.
         return found;
     }
     for _ in 0..60 {
         let level = found.gain * (1.0 + TOLERANCE);
         let crossings: Vec<f64> =
             sys.crossings(level).into_iter().filter(|w| (low..=high).contains(w)).collect();
-        // Crossings bound the intervals that lie above the level, as the band's ends do; itself one may be all that rounding has left of two.
+        // Crossings and the band's ends bound the intervals above the level. A crossing may be the remainder of two merged by rounding, so it is evaluated,
+        // too.
         let ends: Vec<f64> = std::iter::once(low)
             .chain(crossings.iter().copied())
             .chain(high.is_finite().then_some(high))
@@ -203,7 +205,7 @@ pub(super) fn search(sys: &Matrices, [low, high]: [f64; 2]) -> Peak {
             ends.windows(2).map(|w| 0.5 * (w[0] + w[1])).chain(crossings).collect();
         let mut next = look(&between);
         if next.gain <= level {
-            // Close to the peak rounding moves crossings off the axis; there the gain is climbed itself.
+            // Close to the peak rounding moves crossings off the axis; there a direct search continues.
             next = look(&[climbed(sys, next.omega_rad_s)]);
             if next.gain <= level {
                 return next;
@@ -214,7 +216,7 @@ pub(super) fn search(sys: &Matrices, [low, high]: [f64; 2]) -> Peak {
     found
 }
 
-/// The frequency of the largest gain within a tenth of one: golden sections of narrower and narrower neighbourhoods.
+/// The frequency of the largest gain within 10 % of a given one: golden sections of successively smaller neighbourhoods.
 fn climbed(sys: &Matrices, mut omega: f64) -> f64 {
     if !(omega > 0.0 && omega.is_finite()) {
         return omega;
@@ -245,8 +247,7 @@ fn climbed(sys: &Matrices, mut omega: f64) -> f64 {
 }
 
 impl<T: TimeDomain> StateSpace<T> {
-    /// The H-infinity norm, the largest gain over all frequencies and directions; infinite unless
-    /// every pole decays. Delays change no gain.
+    /// The H-infinity norm, the largest gain over all frequencies and directions; infinite unless every pole is stable. Delays have no influence.
     ///
     /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z.
     #[must_use]
@@ -254,10 +255,9 @@ impl<T: TimeDomain> StateSpace<T> {
         peak(self)
     }
 
-    /// The largest gain over a band from `band[0]` to `band[1]` rad/s (0 and infinity: everywhere),
-    /// whatever the poles: the L-infinity norm, which of a stable model is the H-infinity norm.
-    /// Infinite with a pole on the imaginary axis (the unit circle) within the band, hidden ones
-    /// too, or at z = −1. `None` where the band holds no frequency. Delays change no gain.
+    /// The largest gain over a band from `band[0]` to `band[1]` rad/s (0 and infinity: everywhere), for any poles. The result is the L-infinity norm, which for
+    /// a stable model equals the H-infinity norm. Infinite with a pole on the imaginary axis (the unit circle) within the band, including hidden ones, or at
+    /// z = −1. `None` where the band contains no frequency. Delays have no influence.
     ///
     /// Source: Bruinsma and Steinbuch (1990), doi:10.1016/0167-6911(90)90049-Z, with the band's
     /// ends among the crossings.
@@ -395,7 +395,7 @@ mod tests {
 
     #[test]
     fn directions_count_and_unstable_models_have_none() {
-        // One frequency-independent matrix of singular values 5 and 1 before a lag.
+        // A constant matrix of singular values 5 and 1 before a lag.
         let gain = DMatrix::from_row_slice(2, 2, &[3.0, 2.0, 2.0, 3.0]);
         let (one, zero) = (DMatrix::identity(2, 2), DMatrix::zeros(2, 2));
         let lag = |pole: f64| {

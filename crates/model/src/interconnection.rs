@@ -1,7 +1,7 @@
-//! Systems in series, side by side and in a loop, with their delays.
+//! Systems in series, in parallel and in a loop, with their delays.
 //!
-//! A model has its delays at its inputs. Where a connection would leave one inside, sampled models get states for it, which is exact; continuous ones are refused,
-//! because no finite number of states has it.
+//! A model has its delays at its inputs. Where a connection would have an internal delay, sampled models get states for it, which is exact. Continuous ones are
+//! refused, because no finite number of states represents it.
 
 use deadtime_signal::decompositions::singular_values;
 use nalgebra::DMatrix;
@@ -9,9 +9,9 @@ use nalgebra::DMatrix;
 use super::error::ModelError;
 use super::state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 
-/// A time domain in which systems are joined.
+/// A time domain with interconnections.
 pub trait Joins: TimeDomain {
-    /// The model without delays: as states, or an error where a delay has none.
+    /// The model without delays: as states, or an error for a delay without states.
     ///
     /// # Errors
     /// [`ModelError::DelayInside`] for a continuous model with a delay.
@@ -56,7 +56,7 @@ fn fits(what: &'static str, needed: usize, got: usize) -> Result<(), ModelError>
     if needed == got { Ok(()) } else { Err(ModelError::Count { what, needed, got }) }
 }
 
-/// The two share their time; their matrices by blocks.
+/// Two models in a common time domain; their block matrices.
 fn joined<T: TimeDomain>(
     one: &StateSpace<T>,
     two: &StateSpace<T>,
@@ -85,11 +85,11 @@ fn side_by_side(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     stacked(&left.transpose(), &right.transpose()).transpose()
 }
 
-/// `second` driven by the outputs of `first`, MATLAB's `series(first, second)`. Equal delays of the second model's inputs are those of the first one's.
+/// The outputs of `first` drive `second`, as MATLAB's `series(first, second)`. Equal delays of the second model's inputs are added to those of the first.
 ///
 /// # Errors
-/// [`ModelError::Count`] where outputs and inputs differ in number, [`ModelError::Number`] for unlike sample times, [`ModelError::DelayInside`] for unlike
-/// continuous delays between the two.
+/// [`ModelError::Count`] where outputs and inputs differ in number, [`ModelError::Number`] for different sample times, [`ModelError::DelayInside`] for
+/// different continuous delays between the two.
 pub fn series<T: Joins>(
     first: &StateSpace<T>,
     second: &StateSpace<T>,
@@ -118,7 +118,7 @@ pub fn series<T: Joins>(
 /// The sum of the outputs of two systems with the same inputs, MATLAB's `parallel`.
 ///
 /// # Errors
-/// [`ModelError::Count`], [`ModelError::Number`] for unlike sample times, [`ModelError::DelayInside`] for unlike continuous delays.
+/// [`ModelError::Count`], [`ModelError::Number`] for different sample times, [`ModelError::DelayInside`] for different continuous delays.
 pub fn parallel<T: Joins>(
     one: &StateSpace<T>,
     two: &StateSpace<T>,
@@ -140,11 +140,11 @@ pub fn parallel<T: Joins>(
     if shared { sum.with_input_delay(delays) } else { Ok(sum) }
 }
 
-/// The loop y = `forward`·(u + `sign`·`back`·y), MATLAB's `feedback(forward, back, sign)`; `sign` is −1 for a loop that pulls back.
+/// The loop y = `forward`·(u + `sign`·`back`·y), MATLAB's `feedback(forward, back, sign)`; `sign` is −1 for negative feedback.
 ///
 /// # Errors
-/// [`ModelError::Count`], [`ModelError::Number`] for unlike sample times, [`ModelError::DelayInside`] for continuous delays in the loop,
-/// [`ModelError::AlgebraicLoop`] where the direct paths leave no solution.
+/// [`ModelError::Count`], [`ModelError::Number`] for different sample times, [`ModelError::DelayInside`] for continuous delays in the loop,
+/// [`ModelError::AlgebraicLoop`] where the direct paths make the loop singular.
 pub fn feedback<T: Joins>(
     forward: &StateSpace<T>,
     back: &StateSpace<T>,
@@ -213,7 +213,7 @@ mod tests {
         assert!((got - expected).norm() < 1e-11 * (1.0 + expected.norm()), "{got} {expected}");
     }
 
-    /// The response of a connection is that connection of the responses, delays of any number of samples included.
+    /// The response of a connection equals that connection of the responses, including delays of any number of samples.
     #[test]
     fn connections_of_systems_are_connections_of_responses() {
         for seed in 0..6 {

@@ -33,7 +33,7 @@ fn matrix(value: &Value) -> DMatrix<f64> {
     DMatrix::from_fn(rows.len(), rows.first().map_or(0, Vec::len), |i, j| rows[i][j])
 }
 
-/// Largest distance of matched roots, relative to each; to the largest for roots at the origin.
+/// Largest distance of matched roots, relative to each; for roots at the origin relative to the largest.
 fn worst(found: &[Complex<f64>], truth: &[Complex<f64>]) -> f64 {
     let size = truth.iter().map(|r| r.norm()).fold(0.0, f64::max);
     let mut left = found.to_vec();
@@ -59,7 +59,8 @@ fn realisations_of_polynomials_have_their_frequency_response() {
             failures.push(format!("{}: {}", case["id"], made.unwrap_err()));
             continue;
         };
-        // A realisation with a direct path, or with zeros next to its poles, sums terms that cancel in a stop band to the rounding of the largest.
+        // A realisation with a direct path, or with zeros next to its poles, sums cancelling terms in a stop band. The error is the rounding of the largest
+        // term.
         let most = re.iter().zip(&im).map(|(re, im)| re.hypot(*im)).fold(0.0, f64::max);
         for (k, &w) in omega.iter().enumerate() {
             let truth = Complex::new(re[k], im[k]);
@@ -110,7 +111,7 @@ fn poles_and_zeros_in_any_units_are_as_exact_as_those_of_lapack_with_balancing()
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// scipy.signal.zpk2ss(z, p, 1): four zeros behind five poles; the gain at 0 is Πz/Πp.
+/// scipy.signal.zpk2ss(z, p, 1): four zeros and five poles; the gain at 0 is Πz/Πp.
 #[test]
 fn a_companion_form_keeps_its_zeros_its_gain_and_its_matched_conversion() {
     let roots = |of: fn(f64) -> f64, n: u32| -> Vec<Complex<f64>> {
@@ -140,7 +141,7 @@ fn a_companion_form_keeps_its_zeros_its_gain_and_its_matched_conversion() {
     assert!((matched / gain - 1.0).abs() < 1e-11, "{matched} {gain}");
 }
 
-/// The solution of a problem in one set of units solves it in units 1e±9 of these.
+/// The solution of a problem in one set of units solves it in units scaled by 1e±9.
 #[test]
 fn a_stabilisable_plant_is_so_in_units_far_apart() {
     let a = DMatrix::from_row_slice(3, 3, &[1.2, 0.3, 0.0, 0.0, 0.9, 0.4, 0.1, 0.0, 1.01]);
@@ -158,7 +159,7 @@ fn a_stabilisable_plant_is_so_in_units_far_apart() {
 
 #[test]
 fn a_slow_model_is_a_fast_one_in_other_units_of_time() {
-    // (1 + 2 T s)/(1 + T s)⁴ for T from microseconds to centuries: gain at 0, at 1/T, and whether it decays.
+    // (1 + 2 T s)/(1 + T s)⁴ for T from microseconds to centuries: gain at 0, at 1/T, and stability.
     for time in [1e-6_f64, 1.0, 86400.0, 3e9] {
         let den = [time.powi(4), 4.0 * time.powi(3), 6.0 * time.powi(2), 4.0 * time, 1.0];
         let tf =
@@ -169,7 +170,7 @@ fn a_slow_model_is_a_fast_one_in_other_units_of_time() {
         let h = sys.frequency_response(1.0 / time)[(0, 0)];
         assert!((h - expected).norm() < 1e-12, "{time}: {h} {expected}");
         let sampled = ZeroOrderHold {}.c2d(&sys, SampleTime::new(0.1 * time).unwrap()).unwrap();
-        // Of four poles at z = 0.9, 1/(1 − z)⁴ magnifies rounding ten thousandfold.
+        // With four poles at z = 0.9, 1/(1 − z)⁴ magnifies rounding 10 000 times.
         assert!(sampled.is_stable() && (sampled.dc_gain()[(0, 0)] - 1.0).abs() < 1e-10, "{time}");
         let matched =
             ZeroPoleMatching::default().c2d(&sys, SampleTime::new(0.1 * time).unwrap()).unwrap();
@@ -177,7 +178,7 @@ fn a_slow_model_is_a_fast_one_in_other_units_of_time() {
     }
 }
 
-/// Weights 1e±16 apart, half of them with states in units within 1e±9: truth by decimal arithmetic, errors relative to the diagonal.
+/// Weights 1e±16 apart, half of them with states in units within 1e±9. Truth by decimal arithmetic, errors relative to the diagonal.
 #[test]
 fn riccati_equations_of_far_apart_weights_and_units_are_solved_to_their_condition() {
     let mut failures = Vec::new();
@@ -210,7 +211,7 @@ fn riccati_equations_of_far_apart_weights_and_units_are_solved_to_their_conditio
     assert!(failures.is_empty(), "{} fail\n{}", failures.len(), failures.join("\n"));
 }
 
-/// Solutions by exact elimination of the n² equations, a third of them with states in units 2±30 apart; errors relative to the diagonal.
+/// Solutions by exact elimination of the n² equations, a third of them with states in units 2±30 apart. Errors are relative to the diagonal.
 #[test]
 fn lyapunovs_equations_have_their_exact_solutions() {
     for case in golden("lyapunov") {
@@ -255,7 +256,7 @@ fn near(got: &DMatrix<f64>, expected: &DMatrix<f64>, tolerance: f64) -> bool {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
 
-    /// What does not depend on the states is that of the model in its first units; what does is that in the other units.
+    /// Quantities independent of the states equal those of the original model; the others equal those in the new units.
     #[test]
     fn units_of_the_states_change_no_answer((plain, t) in model(), omega in 0.01..10.0f64) {
         let ts = SampleTime::new(0.1).unwrap();
@@ -292,7 +293,7 @@ proptest! {
         prop_assert!(norm == again || (norm / again - 1.0).abs() < 1e-8, "{norm} {again}");
     }
 
-    /// Where the problem in its first units is solved, it is solved in others, with the same gain and the same cost.
+    /// If the problem in its original units has a solution, so does the scaled one, with the same gain and the same cost.
     #[test]
     fn units_of_the_states_change_no_regulator((plain, t) in model(), control in -6.0..6.0f64) {
         let [a, b, c, _] = &plain;
@@ -313,17 +314,17 @@ proptest! {
         prop_assert!(near(&k, &solved.k, 1e-7), "{k} {}", solved.k);
     }
 
-    /// The Hamiltonian matrix maps [I; X] onto itself: the equation, divided by nothing; and the loop decays.
+    /// The Hamiltonian matrix maps [I; X] onto itself (the equation without a division), and the loop is stable.
     #[test]
     fn continuous_regulators_solve_their_equation_in_any_units((plain, t) in model(), control in -4.0..4.0f64) {
         let [a, b, c, _] = scaled(&plain, &t);
         let m = b.ncols();
         let q = c.transpose() * &c;
         let r = DMatrix::from_diagonal_element(m, m, 10f64.powf(control));
-        // A drawn plant may have a mode that no input moves, all but: what is solved is solved right.
+        // A drawn plant may have a nearly uncontrollable mode: only existing solutions are checked.
         let Ok(found) = lqr(&a, &b, &q, &r, None) else { return Ok(()) };
         prop_assert!(found.poles.iter().all(|p| p.re < 0.0));
-        // XB first: its terms may cancel to a ten thousandth, which X·(BR⁻¹Bᵀ)·X would square as rounding.
+        // XB first: its terms may cancel to 1e-4, which X·(BR⁻¹Bᵀ)·X would square as rounding.
         let moved = &found.x * &b;
         let taken = &moved * moved.transpose() / 10f64.powf(control);
         let terms = [a.transpose() * &found.x, &found.x * &a, -taken, q];
@@ -334,7 +335,7 @@ proptest! {
     }
 }
 
-/// Entries that a file calls known are marked so among its parameters, and come back with the file; a name that is no entry is refused.
+/// Known entries of a file are marked among its parameters, and written back with the file; a name of no entry is refused.
 #[test]
 fn known_entries_of_a_linear_model_are_known_parameters() {
     let text = |known: &str| {

@@ -1,6 +1,6 @@
-//! Lyapunov's equations and the H2 norm.
+//! Lyapunov equations and the H2 norm.
 //!
-//! How it can be wrong: a pole and the mirror image of another that rounding does not separate (refused), states in units far apart (brought to like ones).
+//! How it can be wrong: a pole and the mirror image of another that rounding does not separate (refused); states in widely different units (rescaled).
 
 use nalgebra::{Complex, DMatrix, Schur};
 
@@ -9,10 +9,10 @@ use super::error::ModelError;
 use super::shape::check_matrix;
 use super::state_space::{StateSpace, TimeDomain};
 
-/// A sum of poles (a product less 1) this small, relative to their size, is 0.
+/// A sum of poles (or a product minus 1) below this relative size is 0.
 const SINGULAR: f64 = 1e-14;
 
-/// The X of A X + X Aᵀ + Q = 0, as MATLAB's `lyap`; A and Q are n×n, X is symmetric where Q is.
+/// The solution X of A X + X Aᵀ + Q = 0, as MATLAB's `lyap`. A and Q are n×n; X is symmetric where Q is.
 ///
 /// Source: Bartels and Stewart (1972), "Solution of the matrix equation AX + XB = C", Comm. ACM 15(9), 820-826, doi:10.1145/361573.361582.
 ///
@@ -22,7 +22,7 @@ pub fn lyap(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, ModelErr
     solved(a, q, false)
 }
 
-/// The X of A X Aᵀ − X + Q = 0, as MATLAB's `dlyap`; A and Q are n×n, X is symmetric where Q is.
+/// The solution X of A X Aᵀ − X + Q = 0, as MATLAB's `dlyap`. A and Q are n×n; X is symmetric where Q is.
 ///
 /// Source: Kitagawa (1977), "An algorithm for solving the matrix equation X = FXF' + S", Int. J. Control 25(5), 745-753, doi:10.1080/00207177708922266.
 ///
@@ -40,7 +40,7 @@ fn solved(a: &DMatrix<f64>, q: &DMatrix<f64>, sampled: bool) -> Result<DMatrix<f
     if n == 0 {
         return Ok(q.clone());
     }
-    // X is a weight of what A maps: in units T it is T⁻¹XT⁻¹.
+    // X is a weight of the states: in units T it is T⁻¹XT⁻¹.
     match Units::of(a).worth() {
         Some(units) => {
             let x = in_schur_form(&units.scaled(a), &units.unweighed(q), sampled)?;
@@ -65,7 +65,7 @@ fn in_schur_form(
     let mut y = DMatrix::<Complex<f64>>::zeros(n, n);
     let size = t.norm();
     for j in (0..n).rev() {
-        // What the columns behind it contribute.
+        // The contribution of the later columns.
         let mut behind = nalgebra::DVector::<Complex<f64>>::zeros(n);
         for k in j + 1..n {
             behind += y.column(k) * t[(j, k)].conj();
@@ -94,13 +94,13 @@ fn in_schur_form(
         y.set_column(j, &column);
     }
     let x = (&basis * y * basis.adjoint()).map(|v| v.re);
-    // Rounding leaves a symmetric problem's solution not quite so.
+    // Rounding makes a symmetric problem's solution slightly asymmetric.
     Ok(if q == &q.transpose() { (&x + x.transpose()) * 0.5 } else { x })
 }
 
 impl<T: TimeDomain> StateSpace<T> {
-    /// The H2 norm: the root of the energy of the impulse responses of all pairs; the standard deviation of the outputs under white noise. Infinite unless every
-    /// pole decays, and for a continuous direct path. Delays change nothing.
+    /// The H2 norm: the root of the energy of the impulse responses of all pairs, or the standard deviation of the outputs under white noise. Infinite unless
+    /// every pole is stable, and for a continuous direct path. Delays have no influence.
     ///
     /// Source: Zhou, Doyle and Glover (1996), "Robust and Optimal Control", section 4.6.
     #[must_use]

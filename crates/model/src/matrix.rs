@@ -7,16 +7,15 @@ use nalgebra::{Complex, DMatrix, Schur};
 use super::balance::Units;
 use super::parts::{parts, put, taken};
 
-/// Rows from which on faer is faster where the exponent is small, so that nalgebra takes a low degree, and where it is not: the bench `exponential` of
-/// benches/dense.rs.
+/// Rows from which on faer is faster: for a small exponent, where nalgebra uses a low degree, and otherwise. From the bench `exponential` of benches/dense.rs.
 const FAER: [usize; 2] = [20, 8];
-/// The largest 1-norm that is small: up to there degree 5 is exact to rounding (Higham 2005, table 2.3).
+/// Upper bound of a small 1-norm: up to it degree 5 is exact to rounding (Higham 2005, table 2.3).
 const SMALL: f64 = 2.539_398_330_063_23e-1;
 
-/// exp(M), each part of M that touches no other alone.
+/// exp(M), computed separately for each decoupled part of M.
 ///
-/// Source: Al-Mohy and Higham (2009), SIAM J. Matrix Anal. Appl. 31(3), 970-989, doi:10.1137/09074721X (nalgebra's implementation); large matrices that need
-/// no scaling by its Padé approximant of order 13.
+/// Source: Al-Mohy and Higham (2009), SIAM J. Matrix Anal. Appl. 31(3), 970-989, doi:10.1137/09074721X (nalgebra's implementation). Large matrices without
+/// scaling use its Padé approximant of order 13.
 pub fn exp(m: &DMatrix<f64>) -> DMatrix<f64> {
     let parts = parts(m.nrows(), &[m]);
     if parts.len() <= 1 {
@@ -47,7 +46,7 @@ fn of_like_units(m: &DMatrix<f64>) -> DMatrix<f64> {
     }
     let norm = m.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max);
     let from = FAER[usize::from(norm > SMALL)];
-    // In this order, so that what is no number goes to the library.
+    // This order sends values that are not finite to the library.
     if m.nrows() >= from && norm <= UNSCALED { pade_13(m) } else { m.exp() }
 }
 
@@ -84,10 +83,10 @@ pub(super) fn pade_13(m: &DMatrix<f64>) -> DMatrix<f64> {
     DMatrix::from_fn(n, n, |i, j| e[(i, j)])
 }
 
-/// The real principal logarithm, or the eigenvalue (zero, or real and negative) that forbids it.
+/// The real principal logarithm, or the eigenvalue (zero, or real and negative) that prevents it.
 ///
-/// Inverse scaling and squaring on the complex Schur form: square roots of the triangle until it is near I, then log by Gauss-Legendre quadrature of
-/// ∫₀¹ (T − I)(I + t(T − I))⁻¹ dt, which is the [8/8] Padé approximant.
+/// Inverse scaling and squaring on the complex Schur form: square roots of the triangle until it is near I. The logarithm then is a Gauss-Legendre quadrature
+/// of ∫₀¹ (T − I)(I + t(T − I))⁻¹ dt, which is the [8/8] Padé approximant.
 ///
 /// Source: Higham (2008), "Functions of Matrices", algorithm 11.9, doi:10.1137/1.9780898717778.
 pub(super) fn log(m: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
@@ -102,7 +101,7 @@ fn log_of_like_units(m: &DMatrix<f64>) -> Result<DMatrix<f64>, f64> {
     if n == 0 {
         return Ok(m.clone());
     }
-    // The iteration stands still only where eigenvalues are 0.
+    // The iteration stagnates only for eigenvalues of 0.
     let schur =
         Schur::try_new(m.map(|v| Complex::new(v, 0.0)), f64::EPSILON, 1000 * n).ok_or(0.0)?;
     let (q, mut t) = schur.unpack();
@@ -202,7 +201,7 @@ mod tests {
 
     #[test]
     fn parts_that_do_not_touch_have_the_exponential_of_the_whole() {
-        // Two plants with held and ramped inputs, their rows and columns mixed, and a number alone.
+        // Two plants with held and ramped inputs, their rows and columns mixed, and a scalar.
         let order = [3, 0, 7, 5, 8, 1, 6, 2, 4];
         let mut whole = DMatrix::zeros(9, 9);
         for (i, j, value) in [

@@ -1,10 +1,10 @@
-//! The nu-gap: how far apart two models are for whoever closes a loop around them. 0: alike, 1: no controller is safe for both. Poles may lie anywhere.
+//! The nu-gap: the distance of two models in closed loop. 0: equal; 1: no controller stabilises both robustly. Poles may lie anywhere.
 //!
-//! Equation:  δ = sup_ω σmax((I + P2 P2*)^(−1/2) (P2 − P1) (I + P1* P1)^(−1/2)) where the winding number of det(G2* G1) is 0, else 1
+//! Equation: δ = sup_ω σmax((I + P2 P2*)^(−1/2) (P2 − P1) (I + P1* P1)^(−1/2)). If the winding number of det(G2* G1) is not 0, δ = 1.
 //!
-//! G1 = [N1; M1] and G2 are normalised right coprime factors, P = N M⁻¹, and the supremum is the H-infinity norm of [−M̃2 Ñ2] G1.
-//! How it can be wrong: a winding number is counted on a grid (here it is a number of eigenvalues); a mode of the realisation alone is beyond any regulator
-//! (such modes are removed first); the models' units make all gains large or small (then all pairs are far apart, or near: scale the channels).
+//! G1 = [N1; M1] and G2 are normalised right coprime factors, P = N M⁻¹. The supremum is the H-infinity norm of [−M̃2 Ñ2] G1. How it can be wrong: a winding
+//! number counted on a grid (here it is a number of eigenvalues). A mode of the realisation alone, which no regulator stabilises (such modes are removed
+//! first). Units in which all gains are large or small: all pairs are then far apart, or near, and the channels need scaling.
 //! Source: Vinnicombe (1993), "Frequency domain uncertainty and the graph topology", IEEE Trans. Automatic Control 38(9), 1371-1383.
 
 use deadtime_signal::decompositions::{svd, symmetric_eigen};
@@ -22,20 +22,21 @@ use super::zeros;
 pub struct NuGap {
     /// 0 to 1.
     pub value: f64,
-    /// Where the two are farthest apart, rad/s; infinite beyond all frequencies, `None` where their winding numbers differ.
+    /// The frequency of the largest distance, rad/s; infinite for the limit of high frequencies, `None` where the winding numbers differ.
     pub omega_rad_s: Option<f64>,
 }
 
-/// Modes that inputs move or outputs show less than this, relative to the whole, are rounding.
+/// Modes with a relative controllability or observability below this are rounding.
 const HIDDEN: f64 = 1e-11;
-/// Iterations of the matrix sign; it doubles digits, so that what takes longer has eigenvalues on the axis.
+/// Iterations of the matrix sign, which converges quadratically; a slower one has eigenvalues on the axis.
 const SIGN_ROUNDS: usize = 100;
-/// Relative residual of a Riccati equation that is solved.
+/// Relative residual of a solved Riccati equation.
 const RICCATI: f64 = 1e-7;
-/// An eigenvalue this close to the axis, relative to its size, is on it: the models are 1 apart there.
+/// An eigenvalue within this relative distance of the axis is on it: the models then have the distance 1.
 const ON_AXIS: f64 = 1e-10;
 
-/// The nu-gap of two models of the same channels. Sampled ones by their bilinear images, which are as far apart. Equal delays of an input change nothing.
+/// The nu-gap of two models of the same channels. Sampled models are replaced by their bilinear images, which have the same distance. Equal delays of an input
+/// have no influence.
 ///
 /// # Errors
 /// [`ModelError::Unlike`] for other channels, delays or sample times; [`ModelError::IllConditioned`] where a Riccati equation could not be solved.
@@ -76,7 +77,7 @@ pub fn nu_gap<T: TimeDomain>(p1: &StateSpace<T>, p2: &StateSpace<T>) -> Result<N
     Ok(NuGap { value: found.gain.min(1.0), omega_rad_s: Some(found.omega_rad_s) })
 }
 
-/// Whether det(G2* G1) goes round the origin as often clockwise as back: as many of its zeros right of the axis as poles, and none on it.
+/// Whether det(G2* G1) has the winding number 0: as many zeros right of the axis as poles, and none on it.
 fn winds_alike(right1: &Matrices, right2: &Matrices) -> Result<bool, ModelError> {
     let conjugate = Matrices {
         a: -right2.a.transpose(),
@@ -98,7 +99,7 @@ fn winds_alike(right1: &Matrices, right2: &Matrices) -> Result<bool, ModelError>
         && zeros.iter().filter(|z| z.re > 0.0).count() == right2.a.nrows())
 }
 
-/// The one after the other.
+/// The series connection.
 fn series(after: &Matrices, before: &Matrices) -> Matrices {
     let (n1, n2) = (before.a.nrows(), after.a.nrows());
     let mut a = DMatrix::zeros(n1 + n2, n1 + n2);
@@ -126,7 +127,7 @@ fn transposed(sys: &Matrices) -> Matrices {
     }
 }
 
-/// [N; M] with P = N M⁻¹ and N*N + M*M = I: the loop of the regulator that weighs outputs and inputs alike.
+/// [N; M] with P = N M⁻¹ and N*N + M*M = I: the loop of the regulator with unit weights on outputs and inputs.
 ///
 /// Source: Meyer and Franklin (1987), "A connection between normalized coprime factorizations and linear quadratic regulator theory", IEEE Trans. Automatic
 /// Control 32(3), 227-228.
@@ -173,10 +174,10 @@ fn inverse_root(weight: &DMatrix<f64>) -> DMatrix<f64> {
         * eigen.eigenvectors.transpose()
 }
 
-/// The stabilising X of AᵀX + XA − (XB + CᵀD)(I + DᵀD)⁻¹(BᵀX + DᵀC) + CᵀC = 0, by the sign of the Hamiltonian matrix.
+/// The stabilising solution X of AᵀX + XA − (XB + CᵀD)(I + DᵀD)⁻¹(BᵀX + DᵀC) + CᵀC = 0. The method is the sign of the Hamiltonian matrix.
 ///
-/// Source: Roberts (1980), "Linear model reduction and solution of the algebraic Riccati equation by use of the sign function", doi:10.1080/00207178008922881;
-/// scaled by the determinant: Byers (1987), doi:10.1016/0024-3795(87)90222-9.
+/// Source: Roberts (1980), "Linear model reduction and solution of the algebraic Riccati equation by use of the sign function", doi:10.1080/00207178008922881.
+/// For scaling by the determinant Byers (1987), doi:10.1016/0024-3795(87)90222-9.
 fn regulator(sys: &Matrices, inverse: &DMatrix<f64>) -> Result<DMatrix<f64>, ModelError> {
     let n = sys.a.nrows();
     if n == 0 {
@@ -197,7 +198,7 @@ fn regulator(sys: &Matrices, inverse: &DMatrix<f64>) -> Result<DMatrix<f64>, Mod
         let log_determinant: f64 = lu.u().diagonal().iter().map(|v| v.abs().ln()).sum();
         let scale = (-log_determinant / (2 * n) as f64).exp();
         let Some(inverse) = lu.try_inverse() else { return Err(failed) };
-        // Near the end the scale is 1 but for rounding.
+        // Near the end the scale is 1 up to rounding.
         let scale = if (scale - 1.0).abs() < 1e-2 { 1.0 } else { scale };
         let next = (&sign * scale + inverse / scale) * 0.5;
         let change = (&next - &sign).norm();
@@ -209,7 +210,7 @@ fn regulator(sys: &Matrices, inverse: &DMatrix<f64>) -> Result<DMatrix<f64>, Mod
             break;
         }
     }
-    // The stable subspace [I; X] is where the sign is −1: (sign + I)[I; X] = 0.
+    // The stable subspace [I; X] has the sign −1: (sign + I)[I; X] = 0.
     let shifted = &sign + DMatrix::identity(2 * n, 2 * n);
     let (left, right) = (shifted.columns(0, n).into_owned(), shifted.columns(n, n).into_owned());
     let solved = svd(&right).and_then(|found| found.solve(&-left, f64::EPSILON).ok());
@@ -220,9 +221,9 @@ fn regulator(sys: &Matrices, inverse: &DMatrix<f64>) -> Result<DMatrix<f64>, Mod
     if residual <= RICCATI { Ok(x) } else { Err(ModelError::IllConditioned { residual }) }
 }
 
-/// The part that inputs move and outputs show.
+/// The controllable and observable part.
 ///
-/// Source: the staircase of Rosenbrock (1970), by orthogonal bases of what the inputs reach in more and more steps.
+/// Source: the staircase of Rosenbrock (1970), by orthogonal bases of the subspaces reachable in increasing numbers of steps.
 pub(super) fn minimal(sys: &Matrices) -> Matrices {
     let reached = reachable(sys);
     transposed(&reachable(&transposed(&reached)))
@@ -234,7 +235,7 @@ fn reachable(sys: &Matrices) -> Matrices {
     let mut next = sys.b.clone();
     while basis.ncols() < n && next.ncols() > 0 {
         let whole = next.norm();
-        // Twice, for what rounding leaves of the first time.
+        // Twice, against the rounding of the first pass.
         for _ in 0..2 {
             next -= &basis * (basis.transpose() * &next);
         }
@@ -302,7 +303,7 @@ mod tests {
 
     #[test]
     fn small_responses_of_which_one_is_unstable_are_1_apart() {
-        // Everywhere within 0.05 of each other: only the winding number tells.
+        // Everywhere within 0.05 of each other: only the winding number distinguishes them.
         let one = |v: f64| DMatrix::from_element(1, 1, v);
         let small = StateSpace::continuous(one(-1.0), one(0.0), one(1.0), one(0.0)).unwrap();
         let unstable = continuous(&[0.05], &[1.0, -1.0]);
@@ -341,7 +342,7 @@ mod tests {
         };
         let (one, two) = (sampled(0.2, 0.9, 0), sampled(0.25, 1.05, 0));
         let found = nu_gap(&one, &two).unwrap();
-        // By the definition on the circle, one frequency after another.
+        // By the definition on the circle, frequency by frequency.
         let at = |w: f64| {
             let [p, q] = [&one, &two].map(|s| s.frequency_response(w)[(0, 0)]);
             (p - q).norm() / ((1.0 + p.norm_sqr()) * (1.0 + q.norm_sqr())).sqrt()

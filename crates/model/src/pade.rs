@@ -5,15 +5,16 @@ use nalgebra::DMatrix;
 use super::error::ModelError;
 use super::state_space::{Continuous, StateSpace};
 
-/// Padé's approximant of e^(−s·delay_s) whose numerator and denominator are both of this order, as MATLAB's `pade(T, N)` and python-control's `pade(T, n)`:
-/// all-pass, its phase −ω·delay_s up to about 2·order/delay_s rad/s, its direct path (−1)^order. Order 0 and no delay give the gain 1.
+/// Padé's approximant of e^(−s·delay_s) with numerator and denominator of this order, as MATLAB's `pade(T, N)` and python-control's `pade(T, n)`. The
+/// approximant is all-pass; its phase is −ω·delay_s up to about 2·order/delay_s rad/s, its direct path (−1)^order. Order 0 or a zero delay gives the gain 1.
 ///
-/// The states are those of a ladder of the elements (4k − 2)/s, the continued fraction of tanh(s/2); no polynomial is formed, so that any order keeps its digits.
+/// The states are those of a ladder of the elements (4k − 2)/s, the continued fraction of tanh(s/2). No polynomial is formed, so any order keeps full
+/// precision.
 /// Source: Golub and Van Loan (2013), "Matrix Computations", 4th ed., section 9.3.1 (the approximant); Wall (1948), "Analytic Theory of Continued Fractions",
 /// section 91 (tanh).
 ///
 /// # Errors
-/// [`ModelError::Number`] for a delay that is negative or no number.
+/// [`ModelError::Number`] for a delay that is negative or not finite.
 pub fn pade(delay_s: f64, order: usize) -> Result<StateSpace<Continuous>, ModelError> {
     if !(delay_s.is_finite() && delay_s >= 0.0) {
         let rule = "it must be 0 or more";
@@ -30,8 +31,8 @@ pub fn pade(delay_s: f64, order: usize) -> Result<StateSpace<Continuous>, ModelE
         let none = DMatrix::zeros(0, 0);
         return StateSpace::continuous(none, DMatrix::zeros(0, 1), DMatrix::zeros(1, 0), one(1.0));
     }
-    // Series elements (odd) hold a voltage, shunt elements (even) a current; behind a resistor of 1 from the input, the output is twice the ladder's voltage
-    // less the input. Each row: what a voltage or current is of the states, and of the input.
+    // Series elements (odd) hold a voltage, shunt elements (even) a current, behind a resistor of 1 from the input. The output is twice the ladder's voltage
+    // minus the input. Each row: a voltage or current as a combination of the states, and of the input.
     let row = |entries: &dyn Fn(usize) -> f64, input: f64| {
         let mut row: Vec<f64> = (1..=n).map(entries).collect();
         row.push(input);
@@ -49,7 +50,7 @@ pub fn pade(delay_s: f64, order: usize) -> Result<StateSpace<Continuous>, ModelE
         true => row(&|j| odd(j, k + 1), 0.0),
         false => row(&|j| -even(j, 1) - if j <= k { odd(j, 1) } else { 0.0 }, 1.0),
     };
-    // States in the roots of their elements, which makes the matrix skew but for one row's square.
+    // States scaled by the roots of their elements make the matrix skew, except for one row's square.
     let root = |k: usize| ((4 * k - 2) as f64 / delay_s).sqrt();
     let (mut a, mut b, mut c) = (DMatrix::zeros(n, n), DMatrix::zeros(n, 1), DMatrix::zeros(1, n));
     for k in 1..=n {
@@ -104,7 +105,7 @@ mod tests {
                 let delay = nalgebra::Complex::from_polar(1.0, -omega * delay_s);
                 assert!((got - delay).norm() < 1e-10, "{n} {share}: {got} {delay}");
             }
-            // Past its band it is all-pass still.
+            // It is all-pass beyond its band, too.
             let far = sys.frequency_response(40.0 * n as f64 / delay_s)[(0, 0)];
             assert!((far.norm() - 1.0).abs() < 1e-10, "{n}: {far}");
         }

@@ -1,8 +1,9 @@
-//! Parts of a model that do not touch: what is cubic in the number of states is done for each alone.
+//! Decoupled parts of a model: computations cubic in the number of states run on each part separately.
 
 use nalgebra::DMatrix;
 
-/// Indices by part, each ascending and the parts by their first: i and j are in one where an entry (i, j) or (j, i) of one of the matrices, all n×n, is not 0.
+/// Indices by part, each ascending, and the parts ordered by their first index. i and j are in one part if an entry (i, j) or (j, i) of one of the n×n matrices
+/// is not 0.
 pub(super) fn parts(n: usize, matrices: &[&DMatrix<f64>]) -> Vec<Vec<usize>> {
     let mut of: Vec<usize> = (0..n).collect();
     let mut count = n;

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use super::error::ModelError;
 
-/// A matrix of this shape, all of its entries finite.
+/// Checks a matrix for this shape and finite entries.
 pub(super) fn check_matrix(
     matrix: &'static str,
     got: &DMatrix<f64>,

@@ -16,19 +16,19 @@ pub struct Continuous;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampled(pub SampleTime);
 
-/// What a model's time is made of, [`Continuous`] or [`Sampled`].
+/// The time domain of a model, [`Continuous`] or [`Sampled`].
 pub trait TimeDomain: Clone + Copy + std::fmt::Debug + PartialEq {
     /// An input delay: seconds, or whole samples.
     type Delay: Copy + Default + PartialEq + std::fmt::Debug;
-    /// The point of the complex plane that belongs to the frequency: s = jω, or z = exp(jωTs).
+    /// The point of the complex plane at a frequency: s = jω, or z = exp(jωTs).
     fn point(self, omega_rad_s: f64) -> Complex<f64>;
     /// The delay in seconds.
     fn delay_s(self, delay: Self::Delay) -> f64;
-    /// A pole here decays.
+    /// A pole at this point is stable.
     fn is_stable_pole(self, pole: Complex<f64>) -> bool;
-    /// The sample time, seconds; `None` in continuous time.
+    /// The sample time, s; `None` in continuous time.
     fn sample_time_s(self) -> Option<f64>;
-    /// A delay that a model may have.
+    /// Checks a delay.
     ///
     /// # Errors
     /// [`deadtime_signal::time::TimeError::Delay`] for one that is negative or not finite.
@@ -77,7 +77,7 @@ impl TimeDomain for Sampled {
     }
 }
 
-/// A linear model, ẋ = A x + B u or x(k+1) = A x(k) + B u(k), y = C x + D u, with a delay at each input.
+/// A linear model with a delay at each input. ẋ = A x + B u or x(k+1) = A x(k) + B u(k), y = C x + D u.
 ///
 /// Shapes: A n×n, B n×m, C p×n, D p×m; n may be 0 (a gain).
 #[derive(Debug, Clone, PartialEq)]
@@ -126,10 +126,10 @@ impl StateSpace<Sampled> {
         self.domain.0
     }
 
-    /// The same model without delays: every sample of delay is a state of its own, with a pole at z = 0, behind the states of the model.
+    /// The same model without delays. Every sample of delay becomes a state with a pole at z = 0, behind the states of the model.
     ///
     /// # Errors
-    /// None for a model that could be built.
+    /// None for a valid model.
     pub fn with_delays_as_states(&self) -> Result<Self, ModelError> {
         let (n, m, p) = (self.order(), self.inputs(), self.outputs());
         let total = n + self.input_delay.iter().sum::<usize>();
@@ -244,7 +244,7 @@ impl<T: TimeDomain> StateSpace<T> {
         self.d.nrows()
     }
 
-    /// The model of one input-output pair, all states kept.
+    /// The model of one input-output pair with all states.
     ///
     /// # Errors
     /// [`ModelError::Index`].
@@ -270,13 +270,13 @@ impl<T: TimeDomain> StateSpace<T> {
         Ok(())
     }
 
-    /// The poles, eigenvalues of A, delays aside.
+    /// The poles, eigenvalues of A, without those of delays.
     #[must_use]
     pub fn poles(&self) -> Vec<Complex<f64>> {
         zeros::eigenvalues(&self.a)
     }
 
-    /// The invariant zeros of the whole model, delays aside.
+    /// The invariant zeros of the whole model, without those of delays.
     ///
     /// Source: Emami-Naeini and Van Dooren (1982), Automatica 18(4), 415-430, doi:10.1016/0005-1098(82)90070-X.
     #[must_use]
@@ -284,20 +284,20 @@ impl<T: TimeDomain> StateSpace<T> {
         zeros::invariant_zeros(Matrices::of(self))
     }
 
-    /// Every pole decays.
+    /// All poles are stable.
     #[must_use]
     pub fn is_stable(&self) -> bool {
         self.poles().into_iter().all(|p| self.domain.is_stable_pole(p))
     }
 
-    /// Poles minus zeros of one pair's transfer function, delays aside: the index of its first Markov parameter that is not 0 (D, C·B, C·A·B, …).
-    /// `None` where the transfer function is identically zero or the pair does not exist.
+    /// Poles minus zeros of one pair's transfer function, without delays: the index of its first nonzero Markov parameter (D, C·B, C·A·B, …). `None` where the
+    /// transfer function is identically zero or the pair does not exist.
     #[must_use]
     pub fn relative_degree(&self, output: usize, input: usize) -> Option<usize> {
         self.leading_markov(output, input).map(|(degree, _)| degree)
     }
 
-    /// The first Markov parameter that is not zero and its index.
+    /// The first nonzero Markov parameter and its index.
     pub fn leading_markov(&self, output: usize, input: usize) -> Option<(usize, f64)> {
         self.check(output, input).ok()?;
         if self.d[(output, input)] != 0.0 {
@@ -307,7 +307,7 @@ impl<T: TimeDomain> StateSpace<T> {
         let mut x: DVector<f64> = self.b.column(input).into_owned();
         for degree in 1..=self.order() {
             let h = c.dot(&x);
-            // What rounding alone can leave of a sum of these terms.
+            // The rounding error of a sum of these terms.
             let rounding: f64 =
                 c.iter().zip(x.iter()).map(|(c, x)| (c * x).abs()).sum::<f64>() * 1e-12;
             if h.abs() > rounding {
@@ -352,9 +352,9 @@ impl<T: TimeDomain> StateSpace<T> {
         response
     }
 
-    /// The loop closed by u = r − K x, seen from r: A − B K, C − D K. K is m×n.
+    /// The closed loop with u = r − K x, from r: A − B K, C − D K. K is m×n.
     ///
-    /// The feedback acts behind the input delay, so that the delay stays one of the reference.
+    /// The feedback acts behind the input delay, which therefore delays the reference only.
     ///
     /// # Errors
     /// [`ModelError::Shape`] for another shape of K.

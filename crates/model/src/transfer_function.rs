@@ -10,7 +10,7 @@ use deadtime_signal::{refined_roots, unlike};
 
 /// gain · Π(s − zero) / Π(s − pole) · exp(−delay·s), or the same in z.
 ///
-/// Zeros, poles and gain lose less to rounding than polynomial coefficients, whose roots near z = 1 are ill conditioned.
+/// Zeros, poles and gain are less sensitive to rounding than polynomial coefficients, whose roots near z = 1 are ill conditioned.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransferFunction<T: TimeDomain> {
     zeros: Vec<Complex<f64>>,
@@ -25,7 +25,7 @@ impl<T: TimeDomain> TransferFunction<T> {
     ///
     /// # Errors
     /// [`ModelError::Improper`] with more zeros than poles, [`ModelError::Unpaired`] for a root without its conjugate, [`ModelError::NotFinite`],
-    /// [`ModelError::Time`] for a delay that cannot be.
+    /// [`ModelError::Time`] for an invalid delay.
     pub fn from_zeros_poles_gain(
         zeros: Vec<Complex<f64>>,
         poles: Vec<Complex<f64>>,
@@ -48,8 +48,8 @@ impl<T: TimeDomain> TransferFunction<T> {
     /// From polynomial coefficients, highest power first.
     ///
     /// # Errors
-    /// [`ModelError::Improper`] for a numerator of the higher degree, [`ModelError::NotFinite`] for a coefficient that is not finite or a denominator of zeros,
-    /// [`ModelError::Unfactored`] where the roots found do not reproduce a polynomial.
+    /// [`ModelError::Improper`] for a numerator of higher degree, [`ModelError::NotFinite`] for a coefficient that is not finite or a denominator of
+    /// zeros. [`ModelError::Unfactored`] where the computed roots do not reproduce a polynomial.
     pub fn from_polynomials(
         numerator: &[f64],
         denominator: &[f64],
@@ -123,7 +123,7 @@ impl<T: TimeDomain> TransferFunction<T> {
             * Complex::from_polar(1.0, -omega_rad_s * self.domain.delay_s(self.delay))
     }
 
-    /// The size of the smallest root that is not at the origin, in continuous time; 1 in sampled time, where the unit circle is the scale.
+    /// The magnitude of the smallest root away from the origin, in continuous time. In sampled time it is 1, because the unit circle is the scale.
     pub(super) fn smallest_root(&self) -> f64 {
         if self.domain.sample_time_s().is_some() {
             return 1.0;
@@ -134,8 +134,8 @@ impl<T: TimeDomain> TransferFunction<T> {
         if smallest.is_finite() { smallest } else { 1.0 }
     }
 
-    /// The same function with every zero and pole closer than `tolerance` taken off in pairs: relative to their size, or to that of the smallest root that
-    /// is not at the origin (in sampled time, to 1).
+    /// The same function without pairs of a zero and a pole closer than `tolerance`. The distance is relative to their size, or to that of the smallest root
+    /// away from the origin (in sampled time, to 1).
     #[must_use]
     pub fn cancelled(&self, tolerance: f64) -> Self {
         let unit = self.smallest_root();
@@ -149,7 +149,7 @@ impl<T: TimeDomain> TransferFunction<T> {
             }
         }
         let cancelled = Self { zeros, poles, ..self.clone() };
-        // Cancelling must not part a conjugate pair; where it would, nothing is cancelled.
+        // Cancelling must keep conjugate pairs; otherwise nothing is cancelled.
         let whole =
             |roots: &[Complex<f64>]| cascade::pair_conjugates("root", roots.to_vec()).is_ok();
         if whole(&cancelled.zeros) && whole(&cancelled.poles) { cancelled } else { self.clone() }
@@ -158,7 +158,7 @@ impl<T: TimeDomain> TransferFunction<T> {
     /// A state-space realisation: a cascade of sections of first and second order.
     ///
     /// # Errors
-    /// [`ModelError::Unpaired`] cannot happen for a function built by this type's constructors.
+    /// [`ModelError::Unpaired`], impossible for a function built by this type's constructors.
     pub fn to_state_space(&self) -> Result<StateSpace<T>, ModelError> {
         let (a, b, c, d) = cascade::realise(&self.zeros, &self.poles, self.gain)?;
         let Matrices { a, b, c, d } = Matrices { a, b, c, d }.in_like_units();
@@ -166,18 +166,18 @@ impl<T: TimeDomain> TransferFunction<T> {
     }
 }
 
-/// A root this much smaller than the largest is at the origin.
+/// A root of this size relative to the largest is at the origin.
 const AT_ORIGIN: f64 = 1e-9;
-/// A product of factors this close to its polynomial, relatively, is not improved.
+/// A product of factors within this relative distance of its polynomial is not refined.
 const LIKE: f64 = 1e-12;
-/// A product of factors farther from its polynomial is refused.
+/// A product of factors beyond this relative distance of its polynomial is refused.
 const UNLIKE: f64 = 1e-8;
-/// Values are not compared closer to a root than this, relative to the root's size.
+/// Values are compared at points at least this far from a root, relative to the root's size.
 const NEAREST: f64 = 1e-6;
 
 /// Roots of a polynomial (highest power first) and its leading coefficient; leading zeros are dropped.
 ///
-/// Eigenvalues of the companion matrix where their product reproduces the polynomial on the axis, else the roots refined with twice the digits.
+/// Eigenvalues of the companion matrix if their product reproduces the polynomial on the axis, else the roots refined with twice the digits.
 fn roots<T: TimeDomain>(
     matrix: &'static str,
     coefficients: &[f64],
@@ -241,7 +241,7 @@ fn roots<T: TimeDomain>(
     }
 }
 
-/// Points of the frequency axis next to roots that are given in a unit, in that unit.
+/// Points of the frequency axis next to given roots, both in this unit.
 fn near<T: TimeDomain>(domain: T, roots: &[Complex<f64>], unit: f64) -> Vec<Complex<f64>> {
     let mut points = Vec::with_capacity(5 * roots.len() + 9);
     let mut put = |omega: f64| points.push(domain.point(omega.abs()) / unit);
@@ -285,8 +285,7 @@ fn expand(roots: &[Complex<f64>], gain: f64) -> Vec<f64> {
 }
 
 impl<T: TimeDomain> StateSpace<T> {
-    /// The transfer function of one pair: zeros, poles, gain and delay, as they stand (nothing
-    /// cancelled).
+    /// The transfer function of one pair: zeros, poles, gain and delay, without cancellation.
     ///
     /// # Errors
     /// [`ModelError::Index`], or [`ModelError::ZeroTransfer`] where it is identically zero.
@@ -299,7 +298,7 @@ impl<T: TimeDomain> StateSpace<T> {
         let (degree, gain) =
             pair.leading_markov(0, 0).ok_or(ModelError::ZeroTransfer { input, output })?;
         let mut zeros = pair.zeros();
-        // n − r zeros in exact arithmetic; a rank decision on the edge may leave one far away, or take a leading Markov parameter for rounding.
+        // n − r zeros in exact arithmetic. A borderline rank decision may leave one far away, or take a leading Markov parameter for rounding.
         zeros.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
         zeros.truncate(pair.order() - degree);
         let gain = match pair.order() - zeros.len() {
@@ -315,7 +314,7 @@ impl<T: TimeDomain> StateSpace<T> {
         )
     }
 
-    /// The response to a constant, p×m: infinite where the pair integrates it.
+    /// The response to a constant, p×m; infinite for an integrating pair.
     #[must_use]
     pub fn dc_gain(&self) -> DMatrix<f64> {
         let whole = self.frequency_response(0.0).map(|v| v.re);

@@ -1,6 +1,6 @@
-//! The quadrotor of the thesis that this project started from: four decoupled dynamics about hover.
+//! The quadrotor of the thesis behind this project: four decoupled dynamics about hover.
 //!
-//! States [v p φ | u q θ | r ψ | w], inputs [δlat δlon δdir δver], outputs [p ay | q ax | r | az]; SI units, g = 9.81 m/s².
+//! States [v p φ | u q θ | r ψ | w], inputs [δlat δlon δdir δver]. Outputs [p ay | q ax | r | az]. SI units, g = 9.81 m/s².
 
 use nalgebra::DMatrix;
 
@@ -134,7 +134,7 @@ pub fn model() -> StateSpace<Continuous> {
 }
 
 fn build([a, b, c, d]: [DMatrix<f64>; 4]) -> StateSpace<Continuous> {
-    // Invariant: the shapes and numbers above are constants that fit each other; the tests build all of them.
+    // Invariant: the shapes and values above are matching constants; the tests build all of them.
     #[allow(clippy::expect_used)]
     StateSpace::continuous(a, b, c, d).expect("the constant matrices fit each other")
 }
@@ -147,7 +147,7 @@ mod tests {
     fn lateral_and_longitudinal_are_unstable_the_others_are_not() {
         assert!(!Dynamics::Lateral.model().is_stable());
         assert!(!Dynamics::Longitudinal.model().is_stable());
-        // Directional has a pole at 0 (ψ), which no output sees: marginal, and r alone is stable.
+        // Directional has a pole at 0 (ψ), which is not observable: marginal, and r alone is stable.
         assert!(Dynamics::Directional.model().poles().iter().all(|p| p.re <= 0.0));
         assert!(Dynamics::Vertical.model().is_stable());
         assert!(!model().is_stable());

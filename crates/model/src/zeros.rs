@@ -8,8 +8,8 @@ use super::matrices::Matrices;
 
 /// Eigenvalues of a real square matrix.
 ///
-/// States that only drive or only follow the others are taken off first: their eigenvalues stand on the diagonal (chains of integrators and of delays stay
-/// exact). The rest is brought to like units. The QR iteration is bounded.
+/// States that only drive or only follow the others are removed first. The diagonal contains their eigenvalues, so chains of integrators and of delays stay
+/// exact. The remainder is balanced. The QR iteration is bounded.
 ///
 /// Source: Parlett and Reinsch (1969), "Balancing a matrix for calculation of eigenvalues and eigenvectors", doi:10.1007/BF02165404.
 pub(super) fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
@@ -58,7 +58,7 @@ pub(super) fn invariant_zeros(sys: Matrices) -> Vec<Complex<f64>> {
     found.into_iter().map(|s| s * time).collect()
 }
 
-/// Takes states off until D has full row rank; the zeros stay the same.
+/// Removes states until D has full row rank; the zeros stay the same.
 fn reduce([mut a, mut b, mut c, mut d]: [DMatrix<f64>; 4], tolerance: f64) -> [DMatrix<f64>; 4] {
     loop {
         let (n, m) = (a.nrows(), d.ncols());
@@ -73,7 +73,7 @@ fn reduce([mut a, mut b, mut c, mut d]: [DMatrix<f64>; 4], tolerance: f64) -> [D
         if seen == 0 {
             return [a, b, c.rows(0, rank).into_owned(), d.rows(0, rank).into_owned()];
         }
-        // row_compression puts the seen directions first; they are wanted last.
+        // row_compression puts the seen directions first; they are needed last.
         let order: Vec<usize> = (seen..n).chain(0..seen).collect();
         let v = state_rotation.select_rows(&order).transpose();
         let rotated = v.transpose() * &a * &v;
@@ -99,7 +99,7 @@ fn row_compression(m: &DMatrix<f64>, tolerance: f64) -> (DMatrix<f64>, usize) {
     if m.is_empty() {
         return (DMatrix::identity(rows, rows), 0);
     }
-    // A square pad makes the thin SVD give all of U.
+    // A square padding makes the thin SVD return all of U.
     let mut padded = DMatrix::zeros(rows, m.ncols().max(rows));
     padded.view_mut((0, 0), m.shape()).copy_from(m);
     let Some(found) = svd(&padded) else { return (DMatrix::identity(rows, rows), 0) };
@@ -119,7 +119,7 @@ mod tests {
         }
     }
 
-    /// The same chain in rotated coordinates, where no zero is left to see; its eigenvalues are those of a matrix a rounding away.
+    /// The same chain in rotated coordinates without zeros; its eigenvalues are those of a matrix perturbed by rounding.
     #[test]
     fn the_iteration_ends_for_a_nilpotent_matrix_without_zeros() {
         let chain = DMatrix::from_fn(3, 3, |i, j| f64::from(u8::from(i == j + 1)));
@@ -129,7 +129,7 @@ mod tests {
         assert!(found.len() == 3 && found.iter().all(|v| v.norm() < 1e-4), "{found:?}");
     }
 
-    /// A Hamiltonian matrix on which the plain QR iteration stands still, whatever multiple of I is added: eigenvalues ±1.51874 ± 0.42865i (numpy).
+    /// A Hamiltonian matrix on which the basic QR iteration stagnates, for any added multiple of I: eigenvalues ±1.51874 ± 0.42865i (numpy).
     #[test]
     fn the_iteration_ends_for_a_hamiltonian_matrix_with_a_zero_block() {
         let a = DMatrix::from_row_slice(

@@ -1,6 +1,7 @@
 //! The dead time of one lag from two areas of a measured step response.
 //!
-//! Equation: K·e^(−Ls)/(1 + sT): L = A₀/K − e·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt, s the mean of the outputs after each step of the input, weighted with the steps.
+//! Equation: K·e^(−Ls)/(1 + sT): L = A₀/K − e·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt. Here s is the mean output after each input step, weighted with the
+//! step heights.
 
 use super::reading::{Area, BEYOND, Lags, Reading, SIGNIFICANT, answer, area};
 use crate::error::{DelayError, LengthRemedy};
@@ -14,16 +15,16 @@ use deadtime_signal::stats;
 ///
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value is the continuous L of the equation.
 ///
-/// Assumes: an input that is held exactly between steps, each for longer than the longest delay and the response together; a plant of dead time and one lag, settled
-/// before each step; white noise; no sample missing.
+/// Assumes: an input held exactly between steps, each longer than the longest delay plus the response. A plant of dead time and one lag, settled before each
+/// step. White noise; no missing samples.
 /// Resolution and cost: fractions of a sample, if the plant is as assumed; O(N).
-/// Fails when: the input has no such steps (`not_applicable`); the plant is of another order: with two equal lags T it answers 0.53·T late, with more lags later; the
-/// input moves again before the response ends (a note says so); noise hides the end of the response (`singular`). A₀ accumulates noise with every sample summed,
-/// so the sum ends at five times the average residence time. The interval reaches from the reading with one lag to that with two, and
-/// holds no plant beyond them.
-/// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4; Björklund (2003), LiU-TEK-LIC-2003:60, class 3. The
-/// thesis does not define how its `area1` to `area3` differ; this one applies the method of the book to a measured step. The end of the sum is this
-/// program's choice.
+/// Fails when: the input has no such steps (`not_applicable`). A plant of another order biases the delay: +0.53·T for two equal lags T, more for more lags. An
+/// input that moves again before the response ends biases it, too (reported in a note). Noise may hide the end of the response (`singular`). A₀ accumulates
+/// noise with every summed sample, so the sum ends at five average residence times. The interval covers plants of one lag to two equal lags, and none beyond
+/// them.
+/// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4. Björklund (2003), LiU-TEK-LIC-2003:60, class 3. The
+/// thesis does not define how its `area1` to `area3` differ; `area1` here applies the book's method to a measured step. The end of the sum is this program's
+/// choice.
 ///
 /// # Example
 /// ```
@@ -43,7 +44,7 @@ use deadtime_signal::stats;
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Area1 {
-    /// Samples for which a step must be held, and the input before it; default 71, more where the search window needs them.
+    /// Samples for which a step, and the input before it, must be held; default 71, more where the search window needs them.
     pub held: usize,
 }
 
@@ -55,13 +56,13 @@ impl Default for Area1 {
 
 const NAME: &str = "area1";
 
-/// Samples of rest before the first step that are enough to know where it starts from.
+/// Samples of rest before the first step that suffice for the initial level.
 const REST: usize = 10;
-/// The share of a held step whose mean is taken for its end.
+/// The last 1/`END` of a held step gives its final value.
 const END: usize = 4;
 /// Average residence times after which a response is over: L + 5T and more.
 const OVER: f64 = 5.0;
-/// A change in the last half of a held step that is still no motion, as a share of the whole.
+/// A change in the last half of a held step below this share of the whole counts as settled.
 const STILL: f64 = 0.05;
 
 /// Its line in the list of methods.
@@ -87,7 +88,7 @@ pub(crate) const METHOD: Method = Method {
 /// The mean response to a unit step.
 struct StepResponse {
     step: Vec<f64>,
-    /// Variance of each sample of it.
+    /// Variance of each of its samples.
     variance: f64,
 }
 
@@ -95,7 +96,7 @@ fn mean(x: &[f64]) -> f64 {
     stats::mean(x.iter().copied()).unwrap_or(0.0)
 }
 
-/// The steps that are held for at least `held` samples, after an input that was (at the start of a record for [`REST`] samples); `None`: there is none.
+/// The mean over all steps held for at least `held` samples after a constant input (at the start of a record: [`REST`] samples). `None` without such a step.
 fn response(records: &[Record], held: usize) -> Option<StepResponse> {
     // (height, output from the step on, level before)
     let mut steps: Vec<(f64, &[f64], f64)> = Vec::new();
@@ -169,7 +170,7 @@ impl PairMethod for Area1 {
     }
 }
 
-/// Both readings of a step response whose end is the mean from `end` on; `None` where the areas have no solution.
+/// Both readings of a step response whose final value is the mean from `end` on; `None` where the areas have no solution.
 fn readings(response: &StepResponse, gain: f64, end: usize) -> Option<[Reading; 2]> {
     let step = &response.step;
     // Straight lines between the samples: half a sample less than the sum of K − s.

@@ -55,26 +55,25 @@ macro_rules! read {
     };
 }
 
-/// What a plant of one lag must be like.
+/// The requirements on a plant of one lag.
 const ONE_LAG: &str =
     "a plant of one lag, a response that dies out within the taps, an input that excites them all";
 
 read! {
     /// The dead time of one lag from two areas of the estimated step response.
     ///
-    /// Equation: K·e^(−Ls)/(1 + sT): L = A₀/K − e·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt, s
-    /// the running sum of the impulse response by least squares.
+    /// Equation: K·e^(−Ls)/(1 + sT): L = A₀/K − e·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt. Here s is the running sum of the least-squares impulse response.
     ///
     /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value is the continuous L of the equation.
     ///
     /// Assumes: a plant of dead time and one lag; a response that dies out within `taps` samples; white noise.
     /// Resolution and cost: fractions of a sample, if the plant is as assumed; O(N·taps).
-    /// Fails when: the plant is of another order: with two equal lags T it answers 0.53·T late, with more lags later; it oscillates; noise hides the gain at frequency 0 (`singular`); noise puts the average
-    /// residence time outside the response (`singular`); or the input does not excite every coefficient (`not_rich_enough`). The interval reaches from the reading with
-    /// one lag to that with two, and holds no plant beyond them.
-    /// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4; Björklund (2003), LiU-TEK-LIC-2003:60, class 3,
-    /// whose verdict on `area2` is a mean RMS error of 3.1 to 3.4 samples. The thesis does not define how its `area1` to `area3` differ and gives their parameters only.
-    /// It scored `area2` on random inputs too, so `area2` is taken to be the one that needs no step in the input.
+    /// Fails when: the plant is of another order or oscillates: two equal lags T bias the delay by +0.53·T, more lags by more. Noise may hide the gain at
+    /// frequency 0, or put the average residence time outside the response (`singular`). An input may not excite every coefficient (`not_rich_enough`). The
+    /// interval covers plants of one lag to two equal lags, and none beyond them.
+    /// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4. Björklund (2003), LiU-TEK-LIC-2003:60, class 3,
+    /// reports a mean RMS error of 3.1 to 3.4 samples for `area2`. The thesis does not define how its `area1` to `area3` differ and gives their parameters
+    /// only. The thesis scored `area2` on random inputs too, so `area2` is taken to be the variant that needs no step.
     ///
     /// # Example
     /// ```
@@ -109,19 +108,19 @@ read! {
 read! {
     /// The dead time of two equal lags from two areas of the estimated step response.
     ///
-    /// Equation: K·e^(−Ls)/(1 + sT)²: L = A₀/K − (e²/2)·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s
-    /// dt, s the running sum of the impulse response by least squares.
+    /// Equation: K·e^(−Ls)/(1 + sT)²: L = A₀/K − (e²/2)·A₁/K, A₀ = ∫(K − s) dt, A₁ = ∫₀^(A₀/K) s dt. Here s is the running sum of the least-squares impulse
+    /// response.
     ///
     /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value is the continuous L of the equation.
     ///
     /// Assumes: a plant of dead time and two equal lags; a response that dies out within `taps` samples; white noise.
     /// Resolution and cost: fractions of a sample, if the plant is as assumed; O(N·taps).
-    /// Fails when: the plant is of another order: with one lag T it answers 0.36·T early, with more than two late; it oscillates; noise hides the gain at frequency 0 (`singular`); noise puts the average
-    /// residence time outside the response (`singular`); or the input does not excite every coefficient (`not_rich_enough`). The interval reaches from the reading with
-    /// one lag to that with two, and holds no plant beyond them.
-    /// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4 (its second three-parameter model); Björklund (2003), LiU-TEK-LIC-2003:60, class 3,
-    /// whose verdict on `area2` is a mean RMS error of 3.1 to 3.4 samples. The thesis does not define how its `area1` to `area3` differ and gives their parameters only.
-    /// `area3` is taken to be Åström and Hägglund's other model of three parameters K, L, T.
+    /// Fails when: the plant is of another order or oscillates: one lag T biases the delay by −0.36·T, more than two lags bias it late. Noise may hide the gain
+    /// at frequency 0, or put the average residence time outside the response (`singular`). An input may not excite every coefficient (`not_rich_enough`). The
+    /// interval covers plants of one lag to two equal lags, and none beyond them.
+    /// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4 (its second three-parameter model). Björklund
+    /// (2003), LiU-TEK-LIC-2003:60, class 3, reports a mean RMS error of 3.1 to 3.4 samples for `area2`. The thesis does not define how its `area1` to `area3`
+    /// differ and gives their parameters only. `area3` is taken to be Åström and Hägglund's other model of three parameters K, L, T.
     ///
     /// # Example
     /// ```
@@ -157,21 +156,20 @@ read! {
 read! {
     /// The dead time of one lag from two moments of the estimated impulse response.
     ///
-    /// Equation: K·e^(−Ls)/(1 + sT): L = μ − √v, μ = ∫t·h dt/K and v = ∫(t − μ)²·h dt/K the mean
-    /// and the variance of the impulse response.
+    /// Equation: K·e^(−Ls)/(1 + sT): L = μ − √v. Here μ = ∫t·h dt/K is the mean and v = ∫(t − μ)²·h dt/K the variance of the impulse response.
     ///
     /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value is the continuous L of the equation.
     ///
-    /// The response to a sample of held input is the impulse response smeared over one sample: with its mean and variance, L = μ − ½ − √(v + ¼) samples is exact for one
-    /// lag. Read as two equal lags, L = μ − ½ − √(2v + ½), within 0.2 samples from lags of one sample on.
+    /// The response to one held sample is the impulse response smeared over one sample. With its mean and variance, L = μ − ½ − √(v + ¼) samples is exact for
+    /// one lag. For two equal lags of at least one sample, L = μ − ½ − √(2v + ½) holds within 0.2 samples.
     /// Assumes: a plant of dead time and one lag; a response that dies out within `taps` samples; white noise.
     /// Resolution and cost: fractions of a sample, if the plant is as assumed; O(N·taps).
-    /// Fails when: the plant is of another order (with two equal lags T it answers 0.59·T late); the plant oscillates; noise hides the variance (`singular`: the equations
-    /// have no real solution), which is frequent because the variance weighs noise with the square of time; noise hides the gain at frequency 0 (`singular`);
-    /// or the input does not excite every coefficient (`not_rich_enough`). The interval reaches from the reading with one lag to that with two, and holds no plant
-    /// beyond them.
-    /// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4 (the method of moments); Björklund (2003),
-    /// LiU-TEK-LIC-2003:60, class 3, whose verdict is "not useful": more than 54 % failures. His choice of the moments and of the response's length is not known here.
+    /// Fails when: the plant is of another order or oscillates (two equal lags T bias the delay by +0.59·T). Noise often hides the variance (`singular`: no
+    /// real solution), because the variance weighs noise with time squared. Noise may also hide the gain at frequency 0 (`singular`). An input may not excite
+    /// every coefficient (`not_rich_enough`). The interval covers plants of one lag to two equal lags, and none beyond them.
+    /// Source: Åström and Hägglund (1995), "PID Controllers: Theory, Design, and Tuning", 2nd ed., section 2.4 (the method of moments). Björklund (2003),
+    /// LiU-TEK-LIC-2003:60, class 3, calls it "not useful": more than 54 % failures. The thesis's choice of the moments and of the response's length is not
+    /// known.
     pub struct Moment;
     MOMENT: Method {
         information: Information::Poles(1),
@@ -224,7 +222,7 @@ pub(super) fn by_areas(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
     // Straight lines between the samples: half a sample less than the sum of K − s.
     let t_ar = mean - 0.5;
     let Area { a1, height, weights } = area(&step, gain, t_ar)?;
-    // Σ wᵢ over i ≥ j: what sample j of the impulse response adds to the area.
+    // Σ wᵢ over i ≥ j: the contribution of impulse-response sample j to the area.
     let mut after = weights;
     for j in (0..after.len().saturating_sub(1)).rev() {
         after[j] += after[j + 1];
@@ -242,7 +240,7 @@ pub(super) fn by_areas(fir: &Fir, gain: f64) -> Option<[Reading; 2]> {
     readings.iter().all(|r| r.delay.is_finite() && r.std.is_finite()).then_some(readings)
 }
 
-/// What one lag behind a hold lacks in variance: a pulse response (1 − p)·pⁱ has the mean 1/(1 − p) = ½ + √(v + ¼) beyond the delay.
+/// Variance that one lag behind a hold lacks. A pulse response (1 − p)·pⁱ has the mean 1/(1 − p) = ½ + √(v + ¼) beyond the delay.
 const HOLD: f64 = 0.25;
 
 /// Both readings of mean and variance; `None` where the variance is negative or not significant.

@@ -1,4 +1,4 @@
-//! Areas of a step response, and the answer from two readings of it.
+//! Areas of a step response, and the estimate from two readings of it.
 
 use crate::estimate::DelayEstimate;
 use crate::estimator::{NoDelay, PairRecords};
@@ -6,7 +6,7 @@ use deadtime_signal::stats::NORMAL_95;
 use nalgebra::DMatrix;
 use std::f64::consts::E;
 
-/// A plant of how many equal lags a response is read as.
+/// The number of equal lags of the plant model that reads a response.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Lags {
     One,
@@ -30,10 +30,10 @@ pub(super) struct Reading {
     pub(super) std: f64,
 }
 
-/// Error of the linear interpolation between samples, samples: a response that ends within one sample is read up to 0.2 samples late or early.
+/// Error of the linear interpolation, samples: a response that ends within one sample is read up to 0.2 samples late or early.
 pub(super) const BETWEEN: f64 = 0.2;
 
-/// The answer from both readings, that of `lags` being the published one.
+/// The estimate from both readings; the reading with `lags` is the published one.
 pub(super) fn answer(
     lags: Lags,
     [one, two]: [Reading; 2],
@@ -43,7 +43,7 @@ pub(super) fn answer(
     let [from, to] = if one.delay < two.delay { [one, two] } else { [two, one] };
     let interval =
         [from.delay - NORMAL_95 * from.std - BETWEEN, to.delay + NORMAL_95 * to.std + BETWEEN];
-    // The structure is anywhere between the two.
+    // The true structure is taken as uniform between the two readings.
     let std = chosen.std.hypot((to.delay - from.delay + 2.0 * BETWEEN) / 12.0_f64.sqrt());
     pair.narrows(std)?;
     let off = pair.bias as f64 - 1.0;
@@ -68,7 +68,7 @@ pub(super) struct Area {
     pub(super) weights: Vec<f64>,
 }
 
-/// Of a step response s at t = 0, 1, … samples with the end `gain`, straight between its samples; `None` where T_ar lies outside it.
+/// Area of a step response s at t = 0, 1, … samples with final value `gain`, linear between samples. `None` where T_ar lies outside the response.
 pub(super) fn area(step: &[f64], gain: f64, t_ar: f64) -> Option<Area> {
     let (whole, part) = if t_ar >= 0.0 && t_ar < step.len() as f64 {
         (t_ar as usize, t_ar.fract())

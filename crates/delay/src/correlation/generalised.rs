@@ -11,52 +11,52 @@ use deadtime_signal::{CrossSpectra, HANN_LINES, RealFourier, correlation};
 use nalgebra::Complex;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
-/// What all of them withstand.
+/// Conditions under which all weights remain valid.
 pub(crate) const WITHSTANDS: &[Condition] =
     &[Condition::ColouredNoise, Condition::MissingOutputs, Condition::TwoSensors];
 
-/// What all of them need.
+/// Data that all weights need.
 pub(crate) const NEEDS: &str =
     "an output that is a delayed copy of the input, and noise that knows nothing of either";
 
-/// Why none of them counts the samples of a plant.
+/// Why no weight gives the delay of a plant with dynamics in samples.
 pub(crate) const LATE: &str =
     "a plant's own lag counts as delay: on anything but a delayed copy the answer is late";
 
-/// Samples that input and output must share behind the longest delay.
+/// Samples that input and output must have in common behind the longest delay.
 pub(super) const LEAST: usize = 100;
 
-/// Segments (of their own length, not overlapping) that a record must hold: fewer leave the coherence to chance.
+/// Minimum number of non-overlapping segments in a record; fewer do not determine the coherence.
 pub(super) const LOOKS: usize = 6;
 
 /// Bounds of the automatic length of a segment.
 pub(super) const SEGMENT: [usize; 2] = [16, 1024];
 
-/// The shortest that may be asked for.
+/// The shortest segment that the option allows.
 pub(super) const SHORTEST_SEGMENT: usize = 8;
 
-/// A spectrum below this share of its largest line is rounding; weights that divide by it go no lower.
+/// A spectrum below this share of its largest line is rounding; the divisors of the weights are bounded by it.
 pub(super) const FLOOR: f64 = 1e-10;
 
-/// Nor below this share of its mean line over the number of samples: so much of every frequency leaks into every other where a record begins and ends.
+/// The second bound, as a multiple of the mean line over the number of samples: record ends leak this share into all frequencies.
 pub(super) const ENDS: f64 = 4.0;
 
-/// No finite record shows more coherence than this.
+/// Upper bound of the coherence of a finite record.
 pub(super) const CERTAIN: f64 = 1.0 - 1e-6;
 
-/// Squared coherence from which the phase of a line is a number with a variance.
+/// Squared coherence from which the variance of a line's phase is defined.
 pub(super) const PHASED: f64 = 0.5;
 
-/// Share of the lines that must be that coherent: single ones are so by chance.
+/// Share of lines that must have this coherence: single lines reach it by chance.
 pub(super) const JUDGED: f64 = 0.125;
 
-/// Share of delayed copies whose phases are called bent.
+/// Probability that the phases of a pure delayed copy are called bent.
 pub(super) const FALSE_ALARM: f64 = 1e-4;
 
-/// Alignments after which the best lag is taken as it is; weights that disagree longer than this have two peaks alike.
+/// Alignments after which the best lag is accepted; further disagreement means two peaks of equal height.
 pub(super) const ALIGNMENTS: usize = 4;
 
-/// One frequency, as a weight sees it.
+/// One frequency, with the data of a weight.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Line {
     /// Frequency, rad per sample.
@@ -67,9 +67,9 @@ pub(crate) struct Line {
     pub(crate) yy: f64,
     /// Magnitude of the cross-spectrum.
     pub(crate) cross: f64,
-    /// Magnitude that it would have by chance alone.
+    /// Expected magnitude of the cross-spectrum by chance alone.
     pub(crate) chance: f64,
-    /// Squared coherence, what chance adds taken off; below 1.
+    /// Squared coherence, corrected for its bias; below 1.
     pub(crate) coherence: f64,
     /// Variance of the cross-spectrum's real and of its imaginary part in one look.
     pub(crate) noise: f64,
@@ -81,7 +81,7 @@ pub(crate) struct Line {
 pub(crate) struct Centred(Vec<(Vec<f64>, Vec<f64>)>);
 
 impl Centred {
-    /// Means off (of the outputs that were measured; the others are zero), largest value of each channel 1.
+    /// Removes the means (of the measured outputs; the missing ones are zero) and scales the largest value of each channel to 1.
     pub(crate) fn new(records: &[Record]) -> Self {
         let there = |r: &Record, t: usize| r.present.as_ref().is_none_or(|p| p[t]);
         let largest = |values: &mut dyn Iterator<Item = f64>| {
@@ -134,7 +134,7 @@ impl Centred {
     }
 }
 
-/// The segment that is used where 0 asks for an automatic choice.
+/// The segment length in use; 0 selects it automatically.
 pub(crate) fn segment_length(asked: usize, longest: usize, max_delay: usize) -> usize {
     if asked > 0 {
         return asked;
@@ -150,7 +150,7 @@ pub(crate) fn check(method: &'static str, segment: usize) -> Result<(), DelayErr
     options(method, [("segment", segment as f64, ok, "0 (automatic) or 8 and more")])
 }
 
-/// Refuses records in which no delay shows; the segment to be used.
+/// The segment length in use. Errors: records in which no delay is visible.
 pub(crate) fn segment_of(
     method: &'static str,
     segment: usize,
@@ -161,7 +161,7 @@ pub(crate) fn segment_of(
     Ok(segment_length(segment, pair.experiment.longest(), pair.max_delay))
 }
 
-/// What averaged spectra say of every frequency.
+/// Estimates at every frequency of the averaged spectra.
 pub(crate) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
     let looks = spectra.looks * HANN_LINES;
     let largest =
@@ -189,7 +189,7 @@ pub(crate) fn lines(spectra: &CrossSpectra) -> Vec<Line> {
         let chance = (uu * yy / looks.max(1.0)).sqrt();
         let times = match k {
             0 => 1.0,
-            // Hann's window sees both sides of the Nyquist frequency there, where a fraction of a sample turns the phases against each other.
+            // Hann's window contains both sides of the Nyquist frequency, where a fractional delay gives their phases opposite signs.
             _ if 2 * (k + 1) >= spectra.segment => 0.0,
             _ => 2.0,
         };
@@ -227,7 +227,7 @@ impl Interpolant {
         sums
     }
 
-    /// Where sign·R is largest within a sample of `near`: Newton's steps, halving the bracket where one would leave it.
+    /// The maximum of sign·R within one sample of `near`: Newton's steps, with bisection where a step leaves the bracket.
     pub(crate) fn peak(&self, near: f64, sign: f64) -> f64 {
         let grid = |i: i32| near + f64::from(i) / 8.0;
         let value = |i: i32| sign * self.at(grid(i))[0];
@@ -270,7 +270,7 @@ pub(crate) fn generalised(
     alike(&Centred::new(pair.records), segment, weight, pair.max_delay).0.answer(pair)
 }
 
-/// The lag at which two signals are most alike.
+/// The lag at which two signals are most similar.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Alike {
     /// Whole samples.
@@ -281,19 +281,19 @@ pub(crate) struct Alike {
     pub(crate) std: f64,
     /// Degrees of freedom of that standard deviation.
     pub(crate) freedom: f64,
-    /// Other lags that may be the true one, and the probability of each relative to this one.
+    /// Other lags that may be the true one, and their probability relative to this lag.
     pub(crate) alternatives: Vec<(usize, f64)>,
-    /// R is larger where the output leads.
+    /// The correlation |R| is larger at a lag where the output leads.
     pub(crate) leads: bool,
-    /// Standard deviation of the delays that single frequencies show, where they differ beyond chance: no delayed copy.
+    /// Standard deviation of the delays at single frequencies, where they differ significantly: the output is no delayed copy.
     pub(crate) bent: Option<f64>,
 }
 
-/// What the last alignment saw.
+/// The spectra of the last alignment.
 pub(crate) struct LastAlignment {
     /// Spectra, y moved back by the whole lag.
     pub(crate) spectra: CrossSpectra,
-    /// Every frequency of them.
+    /// The estimates at every frequency of the spectra.
     pub(crate) lines: Vec<Line>,
     /// Sign of the gain.
     pub(crate) sign: f64,
@@ -309,7 +309,7 @@ struct Aligned {
     filtered: Vec<f64>,
 }
 
-/// The lag of the largest |R|, y moved back by the best lag so far until that is the best.
+/// The lag of the largest |R|; y is moved back by the best lag so far until the lag no longer changes.
 fn aligned(
     signals: &Centred,
     segment: usize,
@@ -336,7 +336,7 @@ fn aligned(
         let lines = lines(&spectra);
         let weights: Vec<f64> =
             lines.iter().map(|line| if line.times > 0.0 { weight(line) } else { 0.0 }).collect();
-        // The weights as a filter of the lags, from −segment/2 to segment/2; the ends share the lag that both stand for.
+        // The weights as a filter of the lags from −segment/2 to segment/2; the two ends share one lag.
         let filter = RealFourier::new(segment)
             .series(weights.iter().map(|w| Complex::new(*w, 0.0)).collect());
         let tap = |j: isize| {
@@ -355,7 +355,7 @@ fn aligned(
         }
         lag = next;
     }
-    // Where no alignment agrees with itself, the last one's best lag stands.
+    // Without a fixed point, the best lag of the last alignment is used.
     aligned.map(|a| Aligned { lag, ..a })
 }
 
@@ -406,9 +406,9 @@ pub(crate) fn alike(
     )
 }
 
-/// Whether the phases that are left after a delay of `at` samples are more than chance, and then how far the delays of single frequencies lie apart.
+/// Tests whether the residual phases after a delay of `at` samples exceed chance. Returns the spread of the delays at single frequencies if they do.
 ///
-/// A phase varies by noise/|Ĝuy|² of the looks that a line of Hann's windows has; the sum of their squares over those variances is chi-squared.
+/// The phase variance is noise/|Ĝuy|² over the looks of a line. Σ phase²/variance is chi-squared.
 pub(super) fn bent(
     spectra: &CrossSpectra,
     lines: &[Line],
@@ -436,15 +436,15 @@ pub(super) fn bent(
         .then(|| (square / total).sqrt())
 }
 
-/// Lines that a window of Hann leaves independent of each other: the degrees of freedom of what is read from the scatter of phases.
+/// Mutually independent lines of Hann's window: the degrees of freedom of the phases' scatter.
 pub(crate) fn independent_lines(spectra: &CrossSpectra) -> f64 {
     real(spectra.segment) / 2.0 / HANN_LINES
 }
 
-/// Other local maxima of |R|, each with the probability that noise alone has put it below the largest.
+/// Other local maxima of |R|, each with the probability that noise alone lowered it below the largest.
 ///
-/// Source: after Ianniello (1982), IEEE Trans. Acoust. Speech Signal Process. 30(6), 998-1003, doi:10.1109/TASSP.1982.1163992, who counts peaks of equal height; here
-/// each peak counts with the height that it has.
+/// Source: after Ianniello (1982), IEEE Trans. Acoust. Speech Signal Process. 30(6), 998-1003, doi:10.1109/TASSP.1982.1163992, who counts peaks of equal
+/// height. Here each peak is weighted with its own height.
 pub(super) fn alternatives(
     filtered: &[f64],
     lag: usize,
@@ -459,7 +459,7 @@ pub(super) fn alternatives(
     });
     let probable = |l: usize| {
         let opposite = filtered[l + 1] * filtered[lag + 1] < 0.0;
-        // Variance of R(lag) ∓ R(l): the two share what noise they have in common.
+        // Variance of R(lag) ∓ R(l), with the noise common to both removed.
         let variance: f64 = (lines.iter().zip(weights))
             .map(|(line, weight)| {
                 let half = 0.5 * line.omega * (real(l) - real(lag));
@@ -476,7 +476,7 @@ pub(super) fn alternatives(
 }
 
 impl Alike {
-    /// The answer of a method.
+    /// The estimate of a method.
     pub(crate) fn answer(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
         if self.leads {
             let note = "the two are most alike where the output leads the input: swap them, or look for feedback";
@@ -493,7 +493,7 @@ impl Alike {
             self.alternatives.iter().map(|(l, p)| p / total * (real(*l) - raw).powi(2)).sum();
         let quantile = students_t(0.975, self.freedom.max(1.0)).unwrap_or(f64::INFINITY);
         let also = self.probable_alternatives(total);
-        // A peak that was not refined is known to half a sample.
+        // An unrefined peak is uncertain by half a sample.
         let ends = also.iter().fold([raw - quantile * std, raw + quantile * std], |ends, l| {
             [ends[0].min(real(*l) - 0.5), ends[1].max(real(*l) + 0.5)]
         });
@@ -501,7 +501,7 @@ impl Alike {
             let note = format!("peaks at {} other delays are as high within the noise", also.len());
             return Err(NoDelay::new(Outcome::Flat, note));
         }
-        // An exact copy is known no better than rounding tells.
+        // The precision of an exact copy is bounded by rounding.
         let std = (std.powi(2) + spread).sqrt().max(ROUNDING);
         let ends = [ends[0].min(raw - ROUNDING), ends[1].max(raw + ROUNDING)];
         let estimate = pair.counted_at(raw, std, ends, self.lag == pair.max_delay);
@@ -513,7 +513,7 @@ impl Alike {
         })))
     }
 
-    /// The other peaks, the most probable first, as far as they belong to 95 % of the probability.
+    /// The other peaks within 95 % of the probability, the most probable first.
     fn probable_alternatives(&self, total: f64) -> Vec<usize> {
         let (mut mass, mut by_height) = (1.0 / total, self.alternatives.clone());
         by_height.sort_by(|a, b| b.1.total_cmp(&a.1));

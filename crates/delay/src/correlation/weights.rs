@@ -24,7 +24,7 @@ macro_rules! weighted {
         #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
         #[serde(default, deny_unknown_fields)]
         pub struct $options {
-            /// Samples of a segment of the averaged spectra; default 0: the power of two that leaves six or more segments, at most 1024.
+            /// Samples of a segment of the averaged spectra. Default 0: the power of two that leaves six or more segments, at most 1024.
             pub segment: usize,
         }
 
@@ -61,11 +61,11 @@ weighted! {
     ///
     /// Assumes: y is a delayed, scaled copy of u plus noise independent of u; a band wide against the reciprocal of the window searched.
     /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
-    /// Fails when: the plant has dynamics (late by about its lag; a note says so where phases show it, and the interval then holds the delays of all frequencies); the signal is
-    /// narrow-band (peaks one cycle apart: the interval holds them all, or `flat`); the input is coloured (a broad peak, and a wider interval than that of the weights that
-    /// whiten); or y is fed back to u.
-    /// Source: Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, section II and eq. 3. It speaks of continuous correlators and leaves the interpolation
-    /// between samples open; the interval is this program's own (module head).
+    /// Fails when: the plant has dynamics: biased late by about its lag. A note reports significant phases, and the interval then holds the delays of all
+    /// frequencies. A narrow-band signal has peaks one cycle apart (all in the interval, or `flat`). A coloured input has a broad peak, and a wider interval
+    /// than with whitening weights. Feedback from y to u biases the delay.
+    /// Source: Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, section II and eq. 3. The
+    /// source treats continuous correlators and leaves the interpolation between samples open; the interval is this program's own (module head).
     pub struct Crosscorr;
     CROSSCORR: ("crosscorr", "lag of the largest cross-correlation, refined below one sample on the exact interpolant", Crosscorr),
     blind_to: "the plant's own lag, which counts as delay; which cycle of a narrow-band signal it is",
@@ -73,7 +73,7 @@ weighted! {
 }
 
 weighted! {
-    /// Generalised cross-correlation with Eckart's weights: the least chance of a false peak.
+    /// Generalised cross-correlation with Eckart's weights: the lowest probability of a false peak.
     ///
     /// Equation: τ̂ = argmax |Σ ψ(ω)·Ĝuy(ω)·exp(iωτ)|, ψ = γ/(√(Guu·Gyy)·(1 − γ)²), γ the
     /// coherence.
@@ -82,11 +82,11 @@ weighted! {
     ///
     /// Assumes: as [`crosscorr`](Crosscorr); equal ratios of signal to noise in both channels.
     /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
-    /// Fails when: the coherence is near 1 in a few lines, which get nearly all the weight; the channels' noise differs much (no longer the best weights, still without bias);
-    /// or the plant has dynamics (late).
-    /// Source: Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, table I: ψ = α·Gss/(Gn1n1·Gn2n2). The gain α and the two noises are three
-    /// unknowns for two coherences and cross-spectra; the source takes α as known. Taking the ratios of signal to noise as equal leaves γ = |Guy|/√(Guu·Gyy) and the form above,
-    /// which no gain of either channel changes.
+    /// Fails when: the coherence is near 1 in a few lines, which get nearly all the weight. Unequal noise of the channels makes the weights suboptimal, without
+    /// bias. Plant dynamics bias the delay late.
+    /// Source: Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, table I: ψ =
+    /// α·Gss/(Gn1n1·Gn2n2). The gain α and the two noises are three unknowns for two coherences and cross-spectra; the source takes α as known. Equal
+    /// signal-to-noise ratios give γ = |Guy|/√(Guu·Gyy) and the form above, which is invariant to the gain of either channel.
     pub struct GccEckart;
     ECKART: ("gcc_eckart", "largest generalised correlation weighted by signal over noise in both channels (Eckart)", GccEckart),
     blind_to: "the plant's own lag; noise that the two channels do not share alike",
@@ -104,13 +104,13 @@ weighted! {
     ///
     /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
     ///
-    /// Assumes: as [`crosscorr`](Crosscorr); Gaussian signal and noise; enough segments to tell the
-    /// coherence (six or more).
+    /// Assumes: as [`crosscorr`](Crosscorr); Gaussian signal and noise; enough segments to estimate the coherence (six or more).
     /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
-    /// Fails when: the coherence is misjudged (few segments: the weights favour lines that are coherent by chance; what chance adds on average is taken off), or the plant has
-    /// dynamics (late).
-    /// Source: Hannan and Thomson (1973), Biometrika 60(3), 469-480, doi:10.1093/biomet/60.3.469; Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830,
-    /// table I and eq. 24-25: it attains the bound when the coherence is known. How to estimate it the source leaves open.
+    /// Fails when: few segments make the coherence inaccurate: the weights then favour lines that are coherent by chance, although the mean bias is removed.
+    /// Plant dynamics bias the delay late.
+    /// Source: Hannan and Thomson (1973), Biometrika 60(3), 469-480, doi:10.1093/biomet/60.3.469; Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal
+    /// Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, table I and eq. 24-25: the weights attain the bound when the coherence is known. The source
+    /// leaves its estimation open.
     pub struct GccHannanThomson;
     HANNAN_THOMSON: ("gcc_hannan_thomson", "largest generalised correlation with maximum-likelihood weights (Hannan and Thomson): as sharp as two sensors can be", GccHannanThomson),
     blind_to: "the plant's own lag; coherence that too few segments leave to chance",
@@ -126,9 +126,10 @@ weighted! {
     ///
     /// Assumes: as [`crosscorr`](Crosscorr); signal at all frequencies.
     /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
-    /// Fails when: part of the band holds no signal (its phases are chance and count in full: the interval widens, or `flat`), or the plant has dynamics (late).
-    /// Source: Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, table I and section III. It says that the phases of bands without signal are
-    /// erratic, and not what to do about them; here a cross-spectrum smaller than chance alone makes it counts as that large, and the uncertainty counts its phase.
+    /// Fails when: part of the band holds no signal: its random phases have full weight (wider interval, or `flat`). Plant dynamics bias the delay late.
+    /// Source: Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, table I and section III. The
+    /// source calls the phases of bands without signal erratic, without a remedy. Here the weight uses at least the cross-spectrum magnitude expected by
+    /// chance, and the uncertainty includes its phase.
     pub struct GccPhat;
     PHAT: ("gcc_phat", "largest generalised correlation by phase alone (phase transform): a sharp peak whatever the spectrum", GccPhat),
     blind_to: "the plant's own lag; which frequencies hold signal and which noise",
@@ -145,10 +146,10 @@ weighted! {
     ///
     /// Assumes: as [`crosscorr`](Crosscorr); an input with power at all frequencies.
     /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
-    /// Fails when: the input leaves bands empty (their noise is divided by next to nothing: the interval widens, or `flat`), or the plant has dynamics (the peak of its
-    /// impulse response, not its beginning).
-    /// Source: Roth (1971), IEEE Spectrum 8(4), 62-70, doi:10.1109/MSPEC.1971.5218046; Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830,
-    /// table I. Neither says how long the averaged segments should be.
+    /// Fails when: the input leaves bands empty: their noise is divided by nearly zero (wider interval, or `flat`). With plant dynamics the estimate is the
+    /// peak of the impulse response, not its beginning.
+    /// Source: Roth (1971), IEEE Spectrum 8(4), 62-70, doi:10.1109/MSPEC.1971.5218046; Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process.
+    /// 24(4), 320-327, doi:10.1109/TASSP.1976.1162830, table I. Neither source states the length of the averaged segments.
     pub struct GccRoth;
     ROTH: ("gcc_roth", "largest value of the impulse response from averaged spectra (Roth's weights)", GccRoth),
     blind_to: "the plant's own lag; bands that the input does not move, whose noise it raises",
@@ -164,7 +165,7 @@ weighted! {
     ///
     /// Assumes: as [`crosscorr`](Crosscorr).
     /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·log N).
-    /// Fails when: the plant has dynamics (late), or most of the band holds noise alone (the peak is that of the coherence, so it is low there; the interval widens).
+    /// Fails when: the plant has dynamics (biased late). In a band with mostly noise the peak follows the coherence and is low, so the interval widens.
     /// Source: Carter, Nuttall and Cable (1973), Proc. IEEE 61(10), 1497-1498, doi:10.1109/PROC.1973.9300; Knapp and Carter (1976), IEEE Trans. Acoust. Speech Signal Process. 24(4), 320-327, doi:10.1109/TASSP.1976.1162830,
     /// table I.
     pub struct GccScot;

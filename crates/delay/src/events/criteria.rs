@@ -9,7 +9,7 @@ use crate::estimator::{DelayEstimator, Search};
 use crate::experiment::Experiment;
 use crate::method::{Information, Method, ReferenceExperiment, Scope, method_line};
 
-/// A method: its options, its line in the list, and what is least at the best offset.
+/// A method: its options, its line in the list, and the criterion that the best offset minimises.
 macro_rules! least {
     (
         $(#[$doc:meta])*
@@ -38,7 +38,7 @@ assert!((answer.delay_s.unwrap() - 2.5).abs() < 1e-9);
         #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
         #[serde(default, deny_unknown_fields)]
         pub struct $options {
-            /// What to do with sequences in different units; default: refuse them.
+            /// The treatment of sequences in different units; default: refuse them.
             pub units: Units,
         }
 
@@ -73,11 +73,11 @@ least! {
     /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one
     /// clock. Output: seconds, positive = the second place later.
     ///
-    /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
+    /// Assumes: both places register the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
-    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`); the sequences are unrelated (`not_visible`); or so many events are missed
-    /// or spurious that no offset pairs most of them. A single one costs two differences, and the pairs behind it.
-    /// The drift of a delay does not matter. The least sensitive of the five to a few large differences.
+    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`), or the sequences are unrelated (`not_visible`). Too many
+    /// missed or spurious events leave no offset that pairs most events. A single missed event costs two differences, and the pairs behind it. The drift of a
+    /// delay has no influence. This criterion is the least sensitive of the five to a few large differences.
     /// Source: Kekäläinen (2019), Acta IMEKO 8(1), 77-86, doi:10.21014/acta_imeko.v8i1.540, average delay difference (eq. 2.2 of
     /// the thesis that this program answers).
     pub struct EventAverageDifference;
@@ -94,10 +94,11 @@ least! {
     /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one
     /// clock. Output: seconds, positive = the second place later.
     ///
-    /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
+    /// Assumes: both places register the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
-    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`); the sequences are unrelated (`not_visible`); the delay drifts; or an event in
-    /// the middle is missed or spurious. Every delay behind that event is off by an interval, so another offset may have the smallest variance (`not_visible`).
+    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`), or the sequences are unrelated (`not_visible`). A drifting
+    /// delay raises the variance. A missed or spurious event in the middle does, too. Every delay behind that event is off by an interval, so another offset
+    /// may have the smallest variance (`not_visible`).
     /// Source: Kekäläinen (2019), Acta IMEKO 8(1), 77-86, doi:10.21014/acta_imeko.v8i1.540, sample variance of the delay (eq. 2.1 of
     /// the thesis that this program answers).
     pub struct EventDelayVariance;
@@ -114,10 +115,10 @@ least! {
     /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one
     /// clock. Output: seconds, positive = the second place later.
     ///
-    /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
+    /// Assumes: both places register the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
-    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`), the sequences are unrelated (`not_visible`), or a single long interval, as
-    /// of a pause, dominates the correlation. The drift of a delay does not matter, nor does a factor between the clocks.
+    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`), or the sequences are unrelated (`not_visible`). A single
+    /// long interval, as of a pause, may dominate the correlation. Neither the drift of a delay nor a factor between the clocks has an influence.
     /// Source: Kekäläinen (2019), Acta IMEKO 8(1), 77-86, doi:10.21014/acta_imeko.v8i1.540, correlation coefficient (eq. 2.4 of
     /// the thesis that this program answers). The thesis prints ⟨ΔT²⟩⟨Δt⟩ where a covariance needs ⟨ΔT⟩⟨Δt⟩; the covariance is used.
     pub struct EventCorrelation;
@@ -134,10 +135,10 @@ least! {
     /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one
     /// clock. Output: seconds, positive = the second place later.
     ///
-    /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
+    /// Assumes: both places register the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
-    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`), the sequences are unrelated (`not_visible`), or events are missed or
-    /// spurious: each leaves a difference of a whole interval, which counts by its square.
+    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`), or the sequences are unrelated (`not_visible`). Every missed
+    /// or spurious event leaves a difference of a whole interval, weighted by its square.
     /// Source: Kekäläinen (2019), Acta IMEKO 8(1), 77-86, doi:10.21014/acta_imeko.v8i1.540, quadratic delay difference (eq. 2.5 of
     /// the thesis that this program answers): in stationary sequences the same offset as the largest correlation.
     pub struct EventQuadraticDifference;
@@ -154,13 +155,13 @@ least! {
     /// Inputs: times of the same events at two places ([`Events`](super::times::Events)), on one
     /// clock. Output: seconds, positive = the second place later.
     ///
-    /// Assumes: both places see the same events, nearly all of them, and the delay varies less than the intervals do.
+    /// Assumes: both places register the same events, nearly all of them, and the delay varies less than the intervals do.
     /// Resolution and cost: that of the times; O(N·offsets), the offsets being those whose mean delay lies in the window.
-    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`), the sequences are unrelated (`not_visible`), or events are missed or
-    /// spurious: each leaves a difference of a whole interval, which counts by its square. The drift of a delay, even a steady one, does not matter.
-    /// Source: Kekäläinen (2019), Acta IMEKO 8(1), 77-86, doi:10.21014/acta_imeko.v8i1.540, variance of the delay difference (eq. 2.3 of
-    /// the thesis that this program answers). There |d| stands in both terms, which is the variance of |d| and calls differences of ±1 ms perfect; whether the source has
-    /// it so is not clear. A variance of the difference needs d itself, which is used.
+    /// Fails when: the intervals are nearly constant (`not_rich_enough`, `flat` or `not_visible`), or the sequences are unrelated (`not_visible`). Every missed
+    /// or spurious event leaves a difference of a whole interval, weighted by its square. The drift of a delay, even a steady one, has no influence.
+    /// Source: Kekäläinen (2019), Acta IMEKO 8(1), 77-86, doi:10.21014/acta_imeko.v8i1.540, variance of the delay difference (eq. 2.3 of the thesis that this
+    /// program answers). The thesis prints |d| in both terms: the variance of |d|, which calls differences of ±1 ms perfect. Whether its source prints the same
+    /// is not clear. The variance of the difference needs d itself, which is used here.
     pub struct EventVarianceDifference;
     VARIANCE_DIFFERENCE: ("event_variance_difference", "offset of two event sequences at which the difference of neighbouring delays varies least", EventVarianceDifference),
     blind_to: "single large differences, as of missed or spurious events, which count by their squares",

@@ -1,7 +1,8 @@
-//! How long single events take: quantiles of the delays between paired events, as of packets in a network.
+//! Delays of single events, as of packets in a network: quantiles over the paired events.
 //!
-//! How it can be wrong. An event that one place missed shifts all pairs behind it: then events are paired by time, and a delay that is longer than the gate of that
-//! pairing is not counted, which is said. Neighbours that are late together count as fewer. Few events say nothing of a far quantile: its interval is open then.
+//! How it can be wrong. An event missed at one place shifts all pairs behind it. Events are then paired by time within a gate; delays beyond the gate are left
+//! out, which a note reports. Neighbours that are late together count as fewer independent events. Few events do not determine a far quantile: its interval is
+//! then open.
 
 use serde::Serialize;
 use statrs::distribution::{Binomial, DiscreteCDF};
@@ -16,7 +17,7 @@ use deadtime_signal::stats;
 
 /// Which quantiles are reported.
 const SHARES: [f64; 4] = [0.05, 0.5, 0.95, 0.99];
-/// Parts of the sequence whose typical delays are compared: an event that was missed shifts all behind it by an interval.
+/// Parts of the sequence whose typical delays are compared: a missed event shifts all later pairs by an interval.
 const PARTS: usize = 8;
 
 /// The delays of single events.
@@ -28,26 +29,26 @@ pub struct Jitter {
     pub std_s: f64,
     /// Quantiles, in order.
     pub quantiles: Vec<DelayQuantile>,
-    /// The longest delay that the pairing could show, s, where events were missed; `null` where every event has its partner, whatever its delay.
+    /// The longest delay that the pairing resolves, s, where events were missed; `null` where every event has its partner.
     pub longest_s: Option<f64>,
 }
 
 /// A quantile of single delays.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DelayQuantile {
-    /// The share of events that take no longer.
+    /// The share of events with at most this delay.
     pub share: f64,
     /// The delay, s.
     pub delay_s: f64,
-    /// The ends of its 95 % interval, s; `null` where so few events leave one open.
+    /// The ends of its 95 % interval, s; `null` where too few events leave an end open.
     pub ci95_s: [Option<f64>; 2],
 }
 
 impl Jitter {
-    /// The delays of the events of an experiment, of all its recordings together; `None` where none can be paired.
+    /// The delays of the events of an experiment, over all its recordings; `None` where no events can be paired.
     ///
-    /// Intervals are free of any law of the delays, by order statistics: David and Nagaraja (2003), Order Statistics, 3rd edition, section 7.1,
-    /// doi:10.1002/0471722162; neighbours that are alike count as so many as are independent.
+    /// Intervals by order statistics assume no distribution of the delays: David and Nagaraja (2003), Order Statistics, 3rd edition, section 7.1,
+    /// doi:10.1002/0471722162. Correlated neighbours count as the equivalent number of independent ones.
     #[must_use]
     pub fn of(experiment: &Experiment, search: &Search) -> Option<Self> {
         let window = experiment.sample_time().to_seconds(real(search.max_delay));
@@ -86,7 +87,7 @@ impl Jitter {
 }
 
 impl Matched<'_> {
-    /// No event is missing at either place: the typical delay is the same all along the best offset.
+    /// No event is missing at either place: the typical delay is constant along the best offset.
     fn is_whole(&self) -> bool {
         let delays: Vec<f64> = self.pairs.delays().collect();
         let part = |p: &[f64]| (median(p.to_vec()) - self.typical).abs() <= self.gate;
@@ -95,13 +96,13 @@ impl Matched<'_> {
 }
 
 impl Paired<'_> {
-    /// The two have as many events.
+    /// Both sequences have equally many events.
     fn is_all(&self) -> bool {
         self.first.len() == self.second.len()
     }
 }
 
-/// The 95 % interval of a quantile by the order of sorted values, of which so many are independent.
+/// The 95 % interval of a quantile by the order of sorted values, with this number of independent ones.
 fn interval(sorted: &[f64], share: f64, independent: u64) -> [Option<f64>; 2] {
     let Ok(below) = Binomial::new(share, independent) else { return [None; 2] };
     // The r-th of n is below the quantile unless fewer than r values are.
@@ -124,7 +125,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
 
-    /// Packets with intervals of 0.5 to 1.5 s and exponential delays of mean 0.04 s above 0.1 s, in order; a share of them lost.
+    /// Packets at intervals of 0.5 to 1.5 s, in order, some lost. Exponential delays have a mean of 0.04 s above 0.1 s.
     fn packets(count: usize, lost: f64, seed: u64) -> Experiment<'static> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let (mut sent, mut seen, mut t, mut last) = (Vec::new(), Vec::new(), 0.0, 0.0_f64);
@@ -146,7 +147,7 @@ mod tests {
         Search { max_delay: 300, ..Search::default() }
     }
 
-    /// 0.1 − 0.04·ln(1 − q), in 90 to 99 % of 200 intervals: 95 % of good ones leave that once in a thousand times.
+    /// 0.1 − 0.04·ln(1 − q) lies in 90 to 99 % of 200 intervals; correct 95 % intervals violate this once in 1000 times.
     #[test]
     fn intervals_hold_the_quantiles_of_an_exponential_law() {
         let found: Vec<Jitter> =
@@ -160,7 +161,7 @@ mod tests {
         assert!(found.iter().all(|j| j.longest_s.is_none() && j.events == 400));
     }
 
-    /// Where packets are lost no pair is somebody else's, and it is said how far the pairing can see.
+    /// With lost packets every pair is correct, and the pairing reports its longest resolvable delay.
     #[test]
     fn lost_events_leave_the_rest_paired() {
         let found = Jitter::of(&packets(400, 0.01, 7), &search()).unwrap();
@@ -172,7 +173,7 @@ mod tests {
         );
     }
 
-    /// Twelve events say nothing of the slowest one in a hundred.
+    /// Twelve events leave the 99 % quantile open.
     #[test]
     fn a_far_quantile_of_few_events_is_open() {
         let found = Jitter::of(&packets(14, 0.0, 3), &search()).unwrap();

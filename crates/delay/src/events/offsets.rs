@@ -14,19 +14,19 @@ use deadtime_signal::stats::students_t;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// What to do with sequences in different units.
+/// The treatment of sequences in different units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Units {
-    /// Refuse them: a difference of times in different units means nothing.
+    /// Refuse them: differences of times in different units are meaningless.
     #[default]
     Refuse,
-    /// Bring the second sequence to the unit of the first, by the standard deviation of the intervals and then by the slope of the paired times. Both clocks must
-    /// begin at the same instant; what the slope is uncertain by widens the interval.
+    /// Convert the second sequence to the unit of the first, by the intervals' standard deviation and then by the slope of the paired times. Both clocks must
+    /// begin at the same instant; the slope's uncertainty widens the interval.
     Standardise,
 }
 
-/// Why none of them promises what is said of magnitudes.
+/// Why no criterion is invariant to magnitudes.
 pub(crate) const NO_MAGNITUDES: &[(Law, &str)] = &[
     (Law::Gain, "times have no gain: a factor on one sequence is another unit"),
     (Law::Sign, "times have no sign: turned round they are another sequence"),
@@ -41,19 +41,19 @@ pub(crate) const NO_MAGNITUDES: &[(Law, &str)] = &[
 /// Intervals that an offset must pair.
 pub(super) const LEAST: usize = 10;
 
-/// Share of a typical interval within which two events are one.
+/// Share of a typical interval within which two times belong to one event.
 pub(super) const GATE: f64 = 0.25;
 
-/// Standard deviations of Fisher's z within which another offset pairs as well.
+/// Standard deviations of Fisher's z within which another offset is equally good.
 pub(super) const ALIKE: f64 = 3.0;
 
-/// Blocks of a long sequence: enough to see how alike neighbours are, few enough for sums over all lags.
+/// Blocks of a long sequence: enough to estimate the correlation of neighbours, few enough for sums over all lags.
 pub(super) const BLOCKS: usize = 4096;
 
-/// Times the typical difference of intervals at the best offset up to which another's is as small.
+/// Another offset counts as equally close up to this multiple of the best offset's typical interval difference.
 pub(super) const AS_CLOSE: f64 = 3.0;
 
-/// Standard deviations (from the median of absolute deviations) beyond which a paired time is somebody else's.
+/// Standard deviations (from the median of absolute deviations) beyond which a paired time belongs to another event.
 pub(super) const STRAY: f64 = 6.0;
 
 /// Median of the absolute deviations of a normal number, over its standard deviation.
@@ -106,13 +106,13 @@ impl<'a> Paired<'a> {
         }
     }
 
-    /// Fisher's z of that, in standard deviations.
+    /// Fisher's z of the correlation, in standard deviations.
     fn strength(&self) -> f64 {
         let n = real(self.first.len().saturating_sub(1));
         self.correlation().min(1.0 - 1e-12).atanh() * (n - 3.0).max(0.0).sqrt()
     }
 
-    /// The intervals are correlated beyond what the best of so many offsets, `k`, is by chance.
+    /// The correlation of the intervals exceeds the best of this many offsets, `k`, by chance.
     fn correlated(&self, k: isize, offsets: usize) -> Result<(), (Outcome, Message)> {
         let correlation = self.correlation();
         if correlation == 0.0 {
@@ -130,7 +130,7 @@ impl<'a> Paired<'a> {
         Ok(())
     }
 
-    /// Of the half of the events whose intervals agree most: the typical delay, and the typical difference of the intervals.
+    /// The typical delay and the typical interval difference of the half of the events whose intervals agree most.
     fn typical(&self) -> [f64; 2] {
         let mut both: Vec<(f64, f64)> =
             self.differences().map(f64::abs).zip(self.delays().skip(1)).collect();
@@ -154,7 +154,7 @@ pub(super) fn median(values: Vec<f64>) -> f64 {
     stats::median(values).unwrap_or(0.0)
 }
 
-/// Refuses what cannot be used at all.
+/// Refuses unusable sequences.
 pub(super) fn check(
     method: &'static str,
     units: Units,
@@ -189,18 +189,18 @@ pub(crate) fn by_offset(
     Ok(combined(&answers, window))
 }
 
-/// What one pair of sequences says.
+/// The estimate from one pair of sequences.
 pub(super) struct Shown {
     /// Mean delay of the events paired by time.
     delay: f64,
     /// Its variance.
     variance: f64,
-    /// Mean delay at the best offset, whatever was missed: the criterion's own answer.
+    /// Mean delay at the best offset, missed events included: the criterion's own estimate.
     raw: f64,
     note: Option<String>,
 }
 
-/// That, or why it says nothing.
+/// The estimate, or why there is none.
 pub(super) type Answer = Result<Shown, (Outcome, Message)>;
 
 pub(super) fn one(
@@ -231,20 +231,20 @@ pub(super) fn one(
     Ok(Shown { delay, variance, raw, note })
 }
 
-/// Which event of one place is which at the other.
+/// The pairing of the events at the two places.
 pub(super) struct Matched<'a> {
-    /// By the best offset, whatever was missed.
+    /// By the best offset, missed events included.
     pub(super) pairs: Paired<'a>,
-    /// By time: each with its neighbour about the typical delay, strays left out.
+    /// By time: each with its neighbour at the typical delay, strays left out.
     pub(super) by_time: Vec<(f64, f64)>,
     /// The delay of the half of the events whose intervals agree most.
     pub(super) typical: f64,
-    /// How far from it two events are still one.
+    /// The distance from the typical delay within which two times belong to one event.
     pub(super) gate: f64,
 }
 
 impl<'a> Matched<'a> {
-    /// By the offset with the smallest criterion; why there is none.
+    /// By the offset with the smallest criterion. Errors: why there is none.
     pub(super) fn of(
         first: &'a [f64],
         second: &'a [f64],
@@ -293,7 +293,7 @@ impl<'a> Matched<'a> {
     }
 }
 
-/// The offsets that pair enough intervals and have a mean delay within half an interval of the window, where there is one.
+/// The offsets that pair enough intervals; their mean delay lies within half an interval of the window, where there is one.
 pub(super) fn offsets(
     first: &[f64],
     second: &[f64],
@@ -330,7 +330,7 @@ pub(super) fn offsets(
         .collect()
 }
 
-/// Every event of the first sequence with the nearest one of the second about `delay` later, each used once, and strays left out.
+/// Pairs every event of the first sequence with the nearest one of the second about `delay` later. Each event is used once; strays are left out.
 pub(super) fn partners(first: &[f64], second: &[f64], delay: f64, gate: f64) -> Vec<(f64, f64)> {
     let mut pairs: Vec<(f64, f64)> = Vec::new();
     let mut j = 0;
@@ -343,7 +343,7 @@ pub(super) fn partners(first: &[f64], second: &[f64], delay: f64, gate: f64) -> 
         let Some(&nearest) = second.get(j) else { break };
         if (nearest - t - delay).abs() <= gate {
             match pairs.last_mut() {
-                // Two events of one place cannot be one at the other: the nearer has it.
+                // One event cannot pair with two: the nearer one is kept.
                 Some(last) if last.1 == nearest => {
                     if (nearest - t - delay).abs() < (last.1 - last.0 - delay).abs() {
                         *last = (t, nearest);
@@ -363,14 +363,14 @@ pub(super) fn partners(first: &[f64], second: &[f64], delay: f64, gate: f64) -> 
     pairs
 }
 
-/// Mean difference and its variance, as many values counted as are independent.
+/// Mean difference and its variance, with the number of independent values.
 pub(super) fn across(pairs: &[(f64, f64)]) -> (f64, f64) {
     let delay = mean(pairs.iter().map(|p| p.1 - p.0));
     let rest: Vec<f64> = pairs.iter().map(|p| p.1 - p.0 - delay).collect();
     (delay, variance_of_mean(&rest, 1.0))
 }
 
-/// Variance of the mean of numbers whose neighbours may be alike, `fitted` of them spent on a fit: that of the means of blocks, as many counted as are independent.
+/// Variance of the mean of correlated values, `fitted` of them spent on a fit. The variance is that of block means, with the number of independent blocks.
 pub(super) fn variance_of_mean(rest: &[f64], fitted: f64) -> f64 {
     let blocks: Vec<f64> = rest
         .chunks(rest.len().div_ceil(BLOCKS).max(1))
@@ -380,7 +380,7 @@ pub(super) fn variance_of_mean(rest: &[f64], fitted: f64) -> f64 {
     blocks.iter().map(|b| b * b).sum::<f64>() / freedom / posterior::effective_samples(&blocks)
 }
 
-/// The same by the straight line T = a·t + b: b/a where both clocks begin, and its variance.
+/// The same by the straight line T = a·t + b: b/a at the common start of both clocks, and its variance.
 pub(super) fn along_a_line(pairs: &[(f64, f64)]) -> (f64, f64) {
     let (t, big) = (mean(pairs.iter().map(|p| p.0)), mean(pairs.iter().map(|p| p.1)));
     let spread: f64 = pairs.iter().map(|p| (p.0 - t).powi(2)).sum();
@@ -392,7 +392,7 @@ pub(super) fn along_a_line(pairs: &[(f64, f64)]) -> (f64, f64) {
     (big / slope - t, noise * (1.0 + real(rest.len()) * (big / slope).powi(2) / spread))
 }
 
-/// All recordings together, each weighted by its certainty.
+/// All recordings together, weighted by their inverse variances.
 pub(super) fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
     let found: Vec<&Shown> = answers.iter().filter_map(|a| a.as_ref().ok()).collect();
     let Some(most_certain) = found.iter().min_by(|a, b| a.variance.total_cmp(&b.variance)) else {
@@ -403,7 +403,7 @@ pub(super) fn combined(answers: &[Answer], window: f64) -> DelayEstimate {
             .unwrap_or((Outcome::NotVisible, "no events".into()));
         return DelayEstimate::without(outcome, note);
     };
-    // Times that agree to rounding are no more certain than that.
+    // Times that agree to rounding have at least this variance.
     let least = (ROUNDING * most_certain.delay.abs().max(window)).powi(2);
     let weight = |a: &Shown| 1.0 / a.variance.max(least);
     let total: f64 = found.iter().map(|a| weight(a)).sum();

@@ -2,25 +2,25 @@
 
 use crate::error::DelayError;
 
-/// Times of the same events at two places; either may have missed some, or seen others besides.
+/// Times of the same events at two places. Either place may miss some, or add spurious ones.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Events {
     /// Times at the first place, increasing.
     pub first: Vec<f64>,
     /// Times at the second place, increasing, on the same clock.
     pub second: Vec<f64>,
-    /// Units of the two, where they are known; seconds where not.
+    /// Units of the two sequences where known; seconds where not.
     pub units: [Option<String>; 2],
 }
 
 impl Events {
-    /// Pairs that there may be at most.
+    /// The largest possible number of pairs.
     pub(super) fn possible(&self) -> usize {
         self.first.len().min(self.second.len())
     }
 }
 
-/// Refuses times that are no numbers or do not increase.
+/// Refuses times that are not finite or do not increase.
 pub(crate) fn check_times(events: &[Events], [first, second]: [&str; 2]) -> Result<(), DelayError> {
     for events in events {
         for (role, name, times) in

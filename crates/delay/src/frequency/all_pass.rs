@@ -1,16 +1,16 @@
 //! The delay of the all-pass part of a model (DAP).
 //!
-//! Equation: G = G_mp·G_ap with G_mp minimum phase, τ̂ = −d arg G_ap(e^{iωTs})/dω at ω = 0. In x = q⁻¹ the numerator B(x) = Σ bₖxᵏ has its zeros outside the
-//! z circle at |xᵢ| < 1, a pure delay being zeros at x = 0, and each adds Re (1 + xᵢ)/(1 − xᵢ) samples: τ̂ = Σ over |xᵢ| < 1. A zero on the circle adds nothing, so
-//! the sum is continuous in B but at x = 1.
+//! Equation: G = G_mp·G_ap with G_mp minimum phase, τ̂ = −d arg G_ap(e^{iωTs})/dω at ω = 0. With x = q⁻¹, the numerator B(x) = Σ bₖxᵏ has the zeros xᵢ. Zeros
+//! outside the z circle have |xᵢ| < 1; a pure delay has zeros at x = 0. Each of these adds Re (1 + xᵢ)/(1 − xᵢ) samples: τ̂ = Σ Re (1 + xᵢ)/(1 − xᵢ) over |xᵢ|
+//! < 1. A zero on the circle adds nothing, so the sum is continuous in B except at x = 1.
 //!
-//! The published form is −arg G_ap(e^{iω₁})/ω₁ at ω₁ = 10⁻⁴ with 1 added for the hold, where G_ap leaves the zeros at infinity out; the limit ω₁ → 0 differs from it
+//! The published form is −arg G_ap(e^{iω₁})/ω₁ at ω₁ = 10⁻⁴, plus 1 for the hold; its G_ap leaves the zeros at infinity out. The limit ω₁ → 0 differs from it
 //! only for zeros within about 10⁻⁴ of 1.
 //!
-//! Source: Isaksson, Horch and Dumont (2001), "Event-triggered deadtime estimation from closed-loop data", Proc. ACC, 3280-3285; Björklund (2003),
-//! LiU-TEK-LIC-2003:60, class 1b; Björklund and Ljung (2009), "An improved phase method for time-delay estimation", Automatica 45(10), 2467-2470.
-//! Björklund and Ljung show that the sum fails where noise puts a zero just outside z = 1, and exclude such zeros. Which ones exactly was not available;
-//! here they are those that alone would add more than the search window, which no model needs to represent a delay inside it.
+//! Source: Isaksson, Horch and Dumont (2001), "Event-triggered deadtime estimation from closed-loop data", Proc. ACC, 3280-3285. Björklund (2003),
+//! LiU-TEK-LIC-2003:60, class 1b. Björklund and Ljung (2009), "An improved phase method for time-delay estimation", Automatica 45(10), 2467-2470. Björklund and
+//! Ljung show that the sum fails where noise puts a zero just outside z = 1, and exclude such zeros. The exact rule was not available. Here the excluded zeros
+//! are those that alone would add more than the search window; no model needs them for a delay inside it.
 
 use std::f64::consts::PI;
 
@@ -26,21 +26,21 @@ const ONE: Complex<f64> = Complex::new(1.0, 0.0);
 /// Coefficients below this share of the largest are rounding: a delay of whole samples leaves exact zeros before the first one.
 const ROUNDING: f64 = 1e-13;
 
-/// What the all-pass part of a model says, from its numerator's coefficients and their covariance.
+/// The all-pass part of a model, from its numerator's coefficients and their covariance.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct AllPass {
     /// τ̂, in units of the variable's own delay.
     pub(crate) raw: f64,
     /// Its standard deviation, by the zeros' derivatives.
     pub(crate) std: f64,
-    /// What noise adds to it: ends of a range, from a gain that goes on below the noise as it entered it to one that falls as 1/ω².
+    /// Delay that noise adds, as a range. The ends assume a gain that stays constant beyond the frequency where noise exceeds it, and one that falls as 1/ω².
     pub(crate) hidden: [f64; 2],
-    /// Zeros too near to 1 to belong to a delay.
+    /// Number of excluded zeros near 1.
     left_out: usize,
 }
 
-/// Of Σ bₖxᵏ, b of this covariance and under this noise (the same, but where poles and zeros that nearly cancel share some of it); no zero may add more than
-/// `longest`. `None` where all coefficients are zero or one is no number.
+/// The all-pass part of Σ bₖxᵏ. `covariance` is that of b; `noise` is the part that hides the gain (equal, unless nearly cancelling poles and zeros share some
+/// of it). Zeros that add more than `longest` are excluded. `None` where all coefficients are zero or one is not finite.
 pub(crate) fn all_pass(
     b: &[f64],
     [covariance, noise]: [&DMatrix<f64>; 2],
@@ -49,7 +49,7 @@ pub(crate) fn all_pass(
     let largest = b.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     let counts = |v: &f64| v.abs() > ROUNDING * largest;
     let (first, last) = (b.iter().position(counts)?, b.iter().rposition(counts)?);
-    // Roots do not depend on the scale, but their last digits do, unless it is always the same.
+    // A fixed scale makes the last digits of the roots reproducible.
     let trimmed: Vec<f64> = b.get(first..=last)?.iter().map(|v| v / largest).collect();
     let (mut raw, mut left_out) = (first as f64, 0);
     let mut gradient = vec![0.0; b.len()];
@@ -82,11 +82,11 @@ const FREQUENCIES: usize = 256;
 /// A gain whose square is below this multiple of its variance is not significant: the variance's exponential distribution exceeds it once in 20 times.
 const SEEN: f64 = 3.0;
 
-/// How much the noise in a gain hides of the phase that the gain explains, samples, as [`AllPass::hidden`].
+/// Range of the phase delay that noise in the gain adds, samples, as [`AllPass::hidden`].
 ///
-/// τ is the mean of the response minus what Bode's relation between gain and phase explains, ½ times the mean over the circle of
-/// (ln|B(0)| − ln|B(ω)|)/sin²(ω/2). From the frequency ω_c on, at which the gain goes under in the noise, it is the noise that is seen.
-/// Source of the relation: Oppenheim and Schafer (2010), "Discrete-Time Signal Processing", 3rd ed., section 12.3.
+/// τ is the mean of the response minus the part that Bode's gain-phase relation explains. The explained part is ½ times the mean over the circle of (ln|B(0)| −
+/// ln|B(ω)|)/sin²(ω/2). From the frequency ω_c on, noise exceeds the gain, and the estimate follows the noise. Source of the relation: Oppenheim and Schafer
+/// (2010), "Discrete-Time Signal Processing", 3rd ed., section 12.3.
 fn hidden(b: &[f64], covariance: &DMatrix<f64>) -> [f64; 2] {
     let taps = b.len();
     let variances: Vec<f64> = (0..taps)
@@ -117,12 +117,12 @@ fn hidden(b: &[f64], covariance: &DMatrix<f64>) -> [f64; 2] {
     hidden
 }
 
-/// The most that a minimum-phase part hides, samples. A dead time that ends within a sample makes a numerator b₀ + b₁x whose zero lies outside the circle only in
-/// the second half of the sample. Even then it adds only twice the time beyond the half (for a plant slow against the sample).
+/// Largest delay that a minimum-phase part hides, samples. A dead time that ends within a sample has a numerator b₀ + b₁x. The zero lies outside the circle
+/// only in the second half of the sample. Even then it adds only twice the time beyond the half (for a plant slow compared with the sample).
 const FRACTION: f64 = 0.5;
 
 impl AllPass {
-    /// The same where one unit is `scale` samples and `more` samples come on top, and the model itself misses the delay by `spread` (a standard deviation).
+    /// The same in units of `scale` samples plus `more` samples. `spread` is the standard deviation of the delay that the model misses.
     pub(crate) fn scaled(self, scale: f64, more: f64, spread: f64) -> Self {
         Self {
             raw: scale * self.raw + more,
@@ -132,13 +132,13 @@ impl AllPass {
         }
     }
 
-    /// The same of a numerator whose first `samples` coefficients were left out.
+    /// The same for a numerator without its first `samples` coefficients.
     pub(crate) fn behind(self, samples: usize) -> Self {
         let samples = samples as f64;
         Self { raw: self.raw + samples, ..self }
     }
 
-    /// The answer of a method.
+    /// The estimate of a method.
     pub(crate) fn answer(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
         let longest = pair.max_delay as f64;
         let delay = self.raw - 0.5 * (self.hidden[0] + self.hidden[1]);
@@ -148,7 +148,7 @@ impl AllPass {
             self.raw - most - NORMAL_95 * self.std,
             self.raw - least.min(0.0) + NORMAL_95 * self.std + FRACTION,
         ];
-        // What is hidden is anywhere between its ends.
+        // The hidden delay is uniform between its ends.
         let std = self.std.hypot((most - least).hypot(FRACTION) / 12.0_f64.sqrt());
         pair.narrows(std)?;
         let note = (self.left_out > 0)
@@ -169,7 +169,7 @@ mod tests {
         all_pass(b, [&none; 2], longest)
     }
 
-    /// τ as the mean of the pulse response minus what Bode's relation between gain and phase explains: no zeros are looked for.
+    /// τ as the mean of the pulse response minus the part of Bode's gain-phase relation, without zeros.
     fn by_gain_and_phase(b: &[f64]) -> f64 {
         let sum: f64 = b.iter().sum();
         let mean = b.iter().enumerate().map(|(k, b)| k as f64 * b).sum::<f64>() / sum;
@@ -247,8 +247,8 @@ mod tests {
     fn a_gain_above_the_noise_hides_nothing_and_one_that_drowns_hides_what_the_integral_says() {
         let b = [0.0, 1.0, 0.9];
         assert_eq!(hidden(&b, &DMatrix::zeros(3, 3)), [0.0; 2]);
-        // Flat noise and a flat gain below it from the first frequency on: nothing for a gain that goes on, and for one that falls as 1/ω² from there
-        // ∫ ln(tan(ω/2)/tan(ω_c/2))/sin²(ω/2) dω/π, of which 2/tan(ω_c/2)/π is the leading part.
+        // Flat noise and a flat gain below it from the first frequency on. A constant gain adds nothing. A gain that falls as 1/ω² adds ∫
+        // ln(tan(ω/2)/tan(ω_c/2))/sin²(ω/2) dω/π, with the leading part 2/tan(ω_c/2)/π.
         let flat = hidden(&[1.0], &DMatrix::from_element(1, 1, 1.0));
         let leading = 2.0 / PI / (0.25 * PI / FREQUENCIES as f64).tan();
         assert!(

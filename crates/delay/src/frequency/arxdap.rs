@@ -1,6 +1,6 @@
 //! The delay of the all-pass part of an ARX model.
 //!
-//! Equation: A(q) y(t) = B(q) u(t) + e(t); τ̂ = Σ over the zeros xᵢ of Σ b̂ₖxᵏ with |xᵢ| < 1 of Re (1 + xᵢ)/(1 − xᵢ) samples.
+//! Equation: A(q) y(t) = B(q) u(t) + e(t). τ̂ = Σ Re (1 + xᵢ)/(1 − xᵢ) samples over the zeros |xᵢ| < 1 of Σ b̂ₖxᵏ.
 
 use super::all_pass::all_pass;
 use crate::error::{DelayError, LengthRemedy};
@@ -9,18 +9,17 @@ use crate::estimator::{NoDelay, PairMethod, PairRecords, impulse_response, optio
 use crate::method::{Basis, Information, Law, Method, PREDICTS, method_line, plant_example};
 use deadtime_identify::{Record, Regression};
 
-/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value includes the sample of the hold.
 ///
-/// Assumes: noise that an AR(na) filter describes, a plant without zeros of its own outside the unit circle, a gain at frequency 0. Its poles do not matter, so it
-/// holds for unstable plants and under feedback.
-/// Coefficients before the plant's relative degree (`Search::bias`) are known to be zero and left out; under feedback within one sample the first of them would
-/// hold the controller.
-/// Resolution and cost: fractions of a sample, of which up to half a sample may hide in the minimum-phase part; O(N·(na + window)), and O(window²) for the zeros.
-/// Fails when: the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), or the input does not excite the numerator
-/// (`not_rich_enough`). On noise-free data columns that repeat others are left out of the fit.
-/// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285; Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`arxdap`); Björklund and Ljung (2009), Automatica
-/// 45(10), 2467-2470. Björklund's orders are not known here; a numerator that reaches beyond the search window needs no other way to represent a delay inside it. On
-/// the guard against zeros near 1 see the head of `all_pass`.
+/// Assumes: noise that an AR(na) filter describes, a plant without zeros of its own outside the unit circle, a gain at frequency 0. The plant's poles have no
+/// influence, so unstable plants and feedback are allowed. Coefficients before the plant's relative degree (`Search::bias`) are known to be zero and left out.
+/// Under feedback within one sample the first of them would contain the controller.
+/// Resolution and cost: fractions of a sample, of which up to 0.5 may hide in the minimum-phase part. O(N·(na + window)), and O(window²) for the zeros.
+/// Fails when: the gain at frequency 0 is small compared with the noise (zeros near z = 1: excluded with a note, or `flat`). An input may not excite the
+/// numerator (`not_rich_enough`). On noise-free data the fit omits linearly dependent columns.
+/// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285. Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`arxdap`). Björklund and Ljung (2009),
+/// Automatica 45(10), 2467-2470. Björklund's orders are not known here; the numerator reaches beyond the search window, which represents any delay inside it.
+/// The head of `all_pass` describes the guard against zeros near 1.
 #[doc = plant_example!(Arxdap, 400, 0.8, 0.001)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -73,7 +72,7 @@ impl PairMethod for Arxdap {
                 "the input is almost constant in the rows used, or too many outputs are missing";
             return Err(NoDelay::new(Outcome::NotRichEnough, note));
         };
-        // Columns that repeat the past outputs are no fault of the input; those that repeat each other are.
+        // Columns that repeat past outputs are allowed; columns that repeat each other are the input's fault.
         if solution.rank < regression.columns() {
             impulse_response(&ahead, lags)?;
         }

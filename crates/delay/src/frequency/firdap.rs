@@ -1,6 +1,6 @@
 //! The delay of the all-pass part of a finite impulse response.
 //!
-//! Equation: y(t) = Σ hₖ u(t − k) + e(t); τ̂ = Σ over the zeros xᵢ of Σ ĥₖxᵏ with |xᵢ| < 1 of Re (1 + xᵢ)/(1 − xᵢ) samples.
+//! Equation: y(t) = Σ hₖ u(t − k) + e(t). τ̂ = Σ Re (1 + xᵢ)/(1 − xᵢ) samples over the zeros |xᵢ| < 1 of Σ ĥₖxᵏ.
 
 use super::all_pass::all_pass;
 use crate::error::{DelayError, LengthRemedy};
@@ -9,19 +9,19 @@ use crate::estimator::{NoDelay, PairMethod, PairRecords, impulse_response, optio
 use crate::method::{Basis, Condition, Information, Law, Method, method_line, plant_example};
 use deadtime_identify::Record;
 
-/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value includes the sample of the hold.
 ///
-/// Assumes: an input that excites every coefficient, a response that dies out within them, white noise and a gain at frequency 0. The plant has no zeros of its own
-/// outside the unit circle: they count as delay, and a zero at s = 1/T adds 2T.
-/// Coefficients before the plant's relative degree (`Search::bias`) are known to be zero and left out.
-/// Resolution and cost: fractions of a sample, of which up to half a sample may hide in the minimum-phase part (the interval reaches up by that much); O(N·taps),
-/// and O(taps²) for the zeros.
-/// Fails when: the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), the response outlives the taps, or the input does
-/// not excite them all (`not_rich_enough`). The zeros of a noisy response are scattered along the unit circle, where they add little: the error grows with the delay,
-/// as the coefficients before the response gather.
-/// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285; Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`firdap`); Björklund and Ljung (2009), Automatica
-/// 45(10), 2467-2470. The source does not give its number of coefficients; 71 is that of its thresholds. On the guard against zeros near 1 see the head of
-/// `all_pass`.
+/// Assumes: an input that excites every coefficient, a response that dies out within them, white noise and a gain at frequency 0. The plant has no zeros of its
+/// own outside the unit circle: they add delay, 2T for a zero at s = 1/T. Coefficients before the plant's relative degree (`Search::bias`) are known to be zero
+/// and left out.
+/// Resolution and cost: fractions of a sample, of which up to 0.5 may hide in the minimum-phase part (included in the interval). O(N·taps), and O(taps²) for
+/// the zeros.
+/// Fails when: the gain at frequency 0 is small compared with the noise (zeros near z = 1: excluded with a note, or `flat`). A response longer than the taps
+/// biases the delay. An input may not excite all taps (`not_rich_enough`). The zeros of a noisy response scatter along the unit circle, where they add little.
+/// The error grows with the delay, that is with the number of coefficients before the response.
+/// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285. Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`firdap`). Björklund and Ljung (2009),
+/// Automatica 45(10), 2467-2470. The source does not give its number of coefficients; 71 is that of its thresholds. The head of `all_pass` describes the guard
+/// against zeros near 1.
 #[doc = plant_example!(Firdap, 400, 0.8, 0.001)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]

@@ -1,6 +1,6 @@
 //! The delay of the all-pass part of an output-error model.
 //!
-//! Equation: y(t) = B(q)/F(q) u(t) + e(t); τ̂ = Σ over the zeros xᵢ of Σ b̂ₖxᵏ with |xᵢ| < 1 of Re (1 + xᵢ)/(1 − xᵢ) samples.
+//! Equation: y(t) = B(q)/F(q) u(t) + e(t). τ̂ = Σ Re (1 + xᵢ)/(1 − xᵢ) samples over the zeros |xᵢ| < 1 of Σ b̂ₖxᵏ.
 
 use super::all_pass::all_pass;
 use crate::error::{DelayError, LengthRemedy};
@@ -13,17 +13,17 @@ use crate::method::{
 };
 use deadtime_identify::{MAX_OE_ORDER, ManyZeros, Record};
 
-/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value includes the sample of the hold.
 ///
 /// Assumes: a stable plant in open loop that rests at the start, and white noise. The plant has a gain at frequency 0 and no zeros outside the unit circle. No sample is
 /// missing.
 /// Coefficients before the plant's relative degree (`Search::bias`) are known to be zero and left out.
-/// Resolution and cost: fractions of a sample, of which up to half a sample may hide in the minimum-phase part; some ten regressions of O(N·window).
-/// Fails when: the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), the input does not excite the numerator
-/// (`not_rich_enough`), outputs are missing (`not_applicable`), or under feedback (biased).
-/// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285; Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`oedap`); Björklund and Ljung (2009), Automatica
-/// 45(10), 2467-2470; Steiglitz and McBride (1965), doi:10.1109/TAC.1965.1098181, for the fit. The source does not give its orders; on the guard against zeros near 1 see
-/// the head of `all_pass`.
+/// Resolution and cost: fractions of a sample, of which up to 0.5 may hide in the minimum-phase part; about ten regressions of O(N·window).
+/// Fails when: the gain at frequency 0 is small compared with the noise (zeros near z = 1: excluded with a note, or `flat`). An input may not excite the
+/// numerator (`not_rich_enough`). Missing outputs give `not_applicable`. Feedback biases the estimate.
+/// Source: Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285. Björklund (2003), LiU-TEK-LIC-2003:60, class 1b (`oedap`). Björklund and Ljung (2009),
+/// Automatica 45(10), 2467-2470. Steiglitz and McBride (1965), doi:10.1109/TAC.1965.1098181, for the fit. The source does not give its orders. The head of
+/// `all_pass` describes the guard against zeros near 1.
 #[doc = plant_example!(Oedap, 400, 0.8, 0.001)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -32,7 +32,7 @@ pub struct Oedap {
     pub nb: usize,
     /// Poles; default 2, as `oestruc`.
     pub nf: usize,
-    /// Longest part of a record that is used, samples; default 100 000, beyond which the fit says nothing new.
+    /// Longest part of a record that is used, samples; default 100 000, beyond which the fit changes little.
     pub max_samples: usize,
 }
 

@@ -1,9 +1,9 @@
 //! The slope of the cross-spectrum's phase over frequency.
 //!
-//! Equation: φ(ω) = arg Ĝuy(ω) = −ωτ (+ π where the gain is negative), τ̂ = −Σ w·ω·φ/Σ w·ω², w = γ²/(1 − γ²), γ² the squared coherence.
+//! Equation: φ(ω) = arg Ĝuy(ω) = −ωτ (+ π where the gain is negative), τ̂ = −Σ w·ω·φ/Σ w·ω². The weight is w = γ²/(1 − γ²), γ² the squared coherence.
 //!
-//! A phase is known modulo 2π only. First every whole lag is tried: the best one has the largest weighted sum of cosines of the residual phases. With y moved
-//! back by it, the residual phase stays within half a turn, and the straight line is a weighted least-squares fit.
+//! The phase is determined modulo 2π only. The search first tests every whole lag: the best one has the largest weighted sum of cosines of the residual phases.
+//! With y moved back by that lag, the residual phase stays within half a turn, and the straight line is a weighted least-squares fit.
 
 use nalgebra::Complex;
 
@@ -23,21 +23,22 @@ use deadtime_signal::HANN_LINES;
 ///
 /// Assumes: y is a delayed, scaled copy of u plus noise independent of u (its phase is a straight line through 0 or π).
 /// Resolution and cost: sub-sample; O(N·log N).
-/// Fails when: the plant has dynamics, whose phase counts as delay: where it is no straight line through 0 or π, a note says so, and the interval holds the delays of all
-/// frequencies; the signal is narrow-band (several lags put the phases on lines: the interval holds them all, or `flat`); or few segments make the coherence random.
-/// Source: Piersol (1981), IEEE Trans. Acoust. Speech Signal Process. 29(3), 471-477, doi:10.1109/TASSP.1981.1163555; the weights are the inverse variances of the
-/// phases, Carter (1987), Proc. IEEE 75(2), 236-255, doi:10.1109/PROC.1987.13723. Neither says how to unwrap a noisy phase: the search over whole lags is this
+/// Fails when: the plant has dynamics: their phase adds to the delay. A note reports a phase that is no straight line through 0 or π; the interval then holds
+/// the delays of all frequencies. With a narrow-band signal several lags give straight lines (all in the interval, or `flat`). Few segments make the coherence
+/// random.
+/// Source: Piersol (1981), IEEE Trans. Acoust. Speech Signal Process. 29(3), 471-477, doi:10.1109/TASSP.1981.1163555. The weights are the inverse variances of
+/// the phases, Carter (1987), Proc. IEEE 75(2), 236-255, doi:10.1109/PROC.1987.13723. Neither source unwraps a noisy phase; the search over whole lags is this
 /// program's.
 #[doc = copy_example!(PhaseSlope)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PhaseSlope {
-    /// Samples of a segment of the averaged spectra; default 0: the power of two that leaves six or more segments, at most 1024.
+    /// Samples of a segment of the averaged spectra. Default 0: the power of two that leaves six or more segments, at most 1024.
     pub segment: usize,
 }
 
 const NAME: &str = "phase_slope";
-/// Straight lines fitted one after the other, each unwrapping about the one before; they settle at the second.
+/// Successive straight-line fits, each unwrapped about the previous one; the second already converges.
 const FITS: usize = 4;
 
 /// Its line in the list of methods.
@@ -70,7 +71,7 @@ impl PairMethod for PhaseSlope {
         let (Some(seen), Some(start)) = (seen, coarse.fraction) else {
             return coarse.answer(pair);
         };
-        // ω, weight and phasor of every line that has a phase.
+        // ω, weight and phasor of every line with a defined phase.
         let lines: Vec<(f64, f64, Complex<f64>)> = (seen.lines.iter().zip(&seen.spectra.uy))
             .filter(|(line, _)| line.times > 1.0 && line.coherence > 0.0)
             .map(|(line, s)| (line.omega, line.coherence / (1.0 - line.coherence), s * seen.sign))
@@ -90,7 +91,7 @@ impl PairMethod for PhaseSlope {
         for _ in 0..FITS {
             delay -= sum(&|o, w, phase| w * o * phase, delay) / stiffness;
         }
-        // The phase of a line varies by (1 − γ²)/(2·looks·γ²).
+        // The phase variance of a line is (1 − γ²)/(2·looks·γ²).
         let by_coherence = stiffness / (2.0 * seen.spectra.looks);
         let by_scatter = HANN_LINES * sum(&|o, w, phase| (w * o * phase).powi(2), delay);
         let std = by_coherence.max(by_scatter).sqrt() / stiffness;

@@ -1,10 +1,10 @@
 //! The delay between the bispectra of two sensors.
 //!
-//! Equation: τ̂ = argmax |T(τ)|, T(τ) = Σ over ω₁, ω₂ of W·Buyu(ω₁, ω₂)·conj(Buuu(ω₁, ω₂))·exp(iω₂τ), Buyu = E[U(ω₁)·Y(ω₂)·conj U(ω₁ + ω₂)], which is
-//! Buuu·exp(−iω₂D) where y is u later by D; W = 1/(Puu(ω₁)·Puu(ω₁ + ω₂)·Pyy(ω₂)).
+//! Equation: τ̂ = argmax |T(τ)|, T(τ) = Σ over ω₁, ω₂ of W·Buyu(ω₁, ω₂)·conj(Buuu(ω₁, ω₂))·exp(iω₂τ). Here Buyu = E[U(ω₁)·Y(ω₂)·conj U(ω₁ + ω₂)], which is
+//! Buuu·exp(−iω₂D) where y is u delayed by D. The weight is W = 1/(Puu(ω₁)·Puu(ω₁ + ω₂)·Pyy(ω₂)).
 //!
-//! Third-order statistics of noise with a symmetric distribution are zero, whatever its colour and however much of it the two sensors share: correlation takes common
-//! noise for the signal, this does not.
+//! Third-order statistics of noise with a symmetric distribution are zero, for any colour and any share common to both sensors. Correlation takes common noise
+//! for the signal; the bispectrum does not.
 
 use nalgebra::Complex;
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -20,14 +20,15 @@ use deadtime_signal::{RealFourier, stats};
 
 /// Inputs: u, y on one even grid, any units. Output: seconds, positive = y lags u.
 ///
-/// Assumes: u is skewed (large values on one side: rectified, bursting, popping); y is a delayed, scaled copy of u plus noise with a symmetric distribution, which may be
-/// coloured and shared by both sensors.
+/// Assumes: u is skewed (large values on one side: rectified, bursting, popping). y is a delayed, scaled copy of u plus noise with a symmetric distribution,
+/// possibly coloured and shared by both sensors.
 /// Resolution and cost: sub-sample, by Newton's method on the exact interpolant; O(N·(4·segment + `max_delay`)), long records cut at `max_samples`.
-/// Fails when: u has no skewness that stands out of chance (`not_applicable`; Gaussian and symmetric inputs, random binary ones among them), the record is short (third-order
-/// averages settle slowly: `not_visible`), the noise is skewed too (its own delay may win), or the plant has dynamics (late).
-/// Source: Nikias and Pan (1988), IEEE Trans. Acoust. Speech Signal Process. 36(11), 1803-1814, doi:10.1109/29.9008; Hinich and Wilson (1992), IEEE Trans. Signal
-/// Process. 40(7), 1777-1783, doi:10.1109/78.143447. The former sums phases of Buyu/Buuu without weights; the weights here are inverse noise powers times the signal's own
-/// bispectrum, so that frequencies without third-order signal have no weight. Neither source gives an uncertainty: it is the scatter of dT/dτ over stretches of the record.
+/// Fails when: the skewness of u is not significant (`not_applicable`): Gaussian and symmetric inputs, random binary ones included. On short records
+/// third-order averages have not converged (`not_visible`). The delay of skewed noise may dominate. Plant dynamics bias the delay late.
+/// Source: Nikias and Pan (1988), IEEE Trans. Acoust. Speech Signal Process. 36(11), 1803-1814, doi:10.1109/29.9008. Hinich and Wilson (1992), IEEE Trans.
+/// Signal Process. 40(7), 1777-1783, doi:10.1109/78.143447. The former sums phases of Buyu/Buuu without weights. The weights here are inverse noise powers
+/// times the signal's own bispectrum, so frequencies without third-order signal have no weight. Neither source gives an uncertainty; here it is the scatter of
+/// dT/dτ over stretches of the record.
 ///
 /// # Example
 /// ```
@@ -49,7 +50,7 @@ use deadtime_signal::{RealFourier, stats};
 pub struct Bispectrum {
     /// Samples of a segment; default 32: twice as many lags as the memory of most sources, and many segments.
     pub segment: usize,
-    /// Longest part of a record that is used, samples; default 100 000, a second of work.
+    /// Longest part of a record that is used, samples; default 100 000, about 1 s of work.
     pub max_samples: usize,
 }
 
@@ -64,9 +65,9 @@ const NAME: &str = "bispectrum";
 const SEGMENTS: usize = 4;
 /// Standard deviations of the skewness of a Gaussian record beyond which the input counts as skewed.
 const SKEWED: f64 = 3.5;
-/// A spectrum below this share of its largest line is rounding; weights that divide by it go no lower.
+/// A spectrum below this share of its largest line is rounding; the divisors of the weights are bounded by it.
 const FLOOR: f64 = 1e-6;
-/// Stretches of the record whose scatter tells the uncertainty.
+/// Stretches of the record whose scatter gives the uncertainty.
 const STRETCHES: usize = 40;
 
 /// Its line in the list of methods.
@@ -99,7 +100,7 @@ impl PairMethod for Bispectrum {
     fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
         let (got, needed) = (pair.experiment.longest(), pair.max_delay + SEGMENTS * self.segment);
         long_enough(NAME, needed, got, LengthRemedy::WindowOr("set a shorter segment"))?;
-        // No longer part than the cap, but never so short that the window does not fit.
+        // The part is limited by the cap, but never shorter than the window needs.
         let most = self.max_samples.max(needed);
         let cut: Vec<Record> = pair.records.iter().map(|r| r.head(most)).collect();
         let signals = Centred::new(&cut);
@@ -119,7 +120,7 @@ impl PairMethod for Bispectrum {
     }
 }
 
-/// Skewness of the input, and the standard deviation of that of a Gaussian signal with as much memory: √(6·Σρ³/N).
+/// Skewness of the input, and its standard deviation for a Gaussian signal with the same autocorrelation: √(6·Σρ³/N).
 ///
 /// Source: Lomnicki (1961), Metrika 4, 37-62, doi:10.1007/BF02613866.
 fn skewness(signals: &Centred) -> (f64, f64) {
@@ -235,7 +236,7 @@ struct Third {
     fourier: RealFourier,
     /// One list of lines per segment, in order.
     segments: Vec<Vec<Complex<f64>>>,
-    /// Lags on either side of the window that the segments also see.
+    /// Lags on either side of the window that the segments also cover.
     margin: usize,
 }
 
@@ -275,7 +276,7 @@ impl Third {
         )
     }
 
-    /// The largest |T| in the window; a sentence where it does not stand out.
+    /// The largest |T| in the window; a sentence where it is not significant.
     fn peak(&self, max_delay: usize) -> Result<Alike, String> {
         let zero = vec![Complex::new(0.0, 0.0); self.fourier.length() / 2 + 1];
         let add = |mut sum: Vec<Complex<f64>>, lines: &Vec<Complex<f64>>| {
@@ -294,14 +295,14 @@ impl Third {
             .max_by(|&a, &b| size(a).total_cmp(&size(b)).then(b.cmp(&a)))
             .unwrap_or(0);
         let margin = signed(self.margin);
-        // What the lags away from the peak show by chance.
+        // The chance level: |T| at lags away from the peak.
         let others: Vec<f64> = (-margin..=signed(max_delay) + margin)
             .filter(|l| l.abs_diff(signed(lag)) > 2)
             .map(&t)
             .collect();
         let chance = stats::rms(others.iter().copied()).unwrap_or(0.0);
         let z = size(lag) / chance.max(f64::MIN_POSITIVE);
-        // Neighbouring lags share half of what they see.
+        // Neighbouring lags share half of their data.
         let freedom = (0.5 * real(others.len())).max(1.0);
         let limit = students_t(1.0 - 0.005 / real(max_delay + 1), freedom).unwrap_or(f64::INFINITY);
         if z.is_nan() || z < limit {

@@ -1,4 +1,4 @@
-//! The answers of all methods for one pair, and the verdict on them.
+//! The estimates of all methods for one pair, and the verdict on them.
 
 use std::time::Instant;
 
@@ -16,7 +16,7 @@ use crate::verdict::weighing::verdict;
 use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::time::SampleTime;
 
-/// A method's answer, what was to be expected of it, and its run time, s.
+/// A method's estimate, its predicted accuracy, and its run time, s.
 pub(super) struct MethodAnswer {
     pub(super) method: &'static Method,
     pub(super) estimate: DelayEstimate,
@@ -25,8 +25,7 @@ pub(super) struct MethodAnswer {
 }
 
 impl MethodAnswer {
-    /// The answer that `estimate` makes of the method; what the method cannot do with the data is
-    /// its answer.
+    /// The estimate from `estimate`; a failure of the method on the data becomes an outcome.
     pub(super) fn of(
         ready: &Ready,
         predicted: Option<Richness>,
@@ -43,7 +42,7 @@ impl MethodAnswer {
     }
 }
 
-/// The pair with its answers and its verdict.
+/// The pair with its estimates and its verdict.
 pub(super) fn pair(
     input: &str,
     output: &str,
@@ -63,15 +62,15 @@ pub(super) fn pair(
     Pair { poor_std_s, findings, ..Pair::new([input, output], estimates, verdict) }
 }
 
-/// Where neighbouring delays are nearly indistinguishable: the best expected standard deviation, s, as in that method's line. It is that of a method that knows
-/// neither gain nor poles and whose answer is used (of any such method where none is). `None` where the verdict's interval is far narrower: the rough model of the
-/// prediction is then no model of this plant.
+/// The best predicted standard deviation, s, where neighbouring delays are nearly indistinguishable. The value is that of a method with unknown gain and poles
+/// whose estimate is used (of any such method where none is used). `None` where the verdict's interval is far narrower: the prediction's rough model does not
+/// describe this plant.
 fn poor(
     answers: &[MethodAnswer],
     findings: &[Finding],
     interval_s: Option<[f64; 2]>,
 ) -> Option<f64> {
-    // The predictions are of stable plants in open loop.
+    // The predictions hold for stable plants in open loop.
     if findings
         .iter()
         .any(|f| matches!(f.condition, Condition::Feedback | Condition::UnstablePlant))
@@ -95,5 +94,5 @@ fn poor(
     (!narrower).then_some(predicted.std_s)
 }
 
-/// Half the distance between two responses, in standard deviations of the noise, from which they are seldom taken for each other.
+/// Half the distance between two responses, in standard deviations of the noise, from which they are distinguishable.
 const DISTINGUISHABLE: f64 = 3.0;

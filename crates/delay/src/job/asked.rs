@@ -1,4 +1,4 @@
-//! What is asked of an estimation on logs.
+//! The configuration of an estimation on logs.
 
 use super::chosen::Ready;
 use crate::error::Result;
@@ -12,31 +12,31 @@ use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stop::Stop;
 use deadtime_signal::time::SampleTime;
 
-/// What is known of feedback in the log.
+/// Known feedback in the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 pub enum Feedback {
-    /// Nothing: it is looked for.
+    /// Unknown: the program tests for it.
     #[default]
     Auto,
     /// The input does not depend on the output.
     Open,
-    /// It does.
+    /// The input depends on the output.
     Closed,
 }
 
 impl Feedback {
-    /// What the user says of the log, as a finding.
+    /// The user's statement on the log, as a finding.
     pub(super) fn said(self) -> Option<Finding> {
         let evidence = Message::from(Remedy::ClosedLoop);
         (self == Self::Closed).then_some(Finding { condition: Condition::Feedback, evidence })
     }
 }
 
-/// Everything that an estimation needs; [`Job::new`] has every method and the defaults.
+/// The configuration of an estimation; [`Job::new`] has every method and the defaults.
 pub struct Job {
-    /// What the log is called.
+    /// The name of the log.
     pub name: String,
     /// Its records, all on one even grid.
     pub logs: Vec<Log>,
@@ -44,30 +44,30 @@ pub struct Job {
     pub inputs: Vec<String>,
     /// Output channels; every pair with an input is estimated.
     pub outputs: Vec<String>,
-    /// The methods, as [`Ready::all`] or `chosen` makes them; those that look at states wait for a model.
+    /// The methods, as [`Ready::all`] or `chosen` makes them; state methods need a model.
     pub methods: Vec<Ready>,
-    /// The plant: its relative degrees, and A and B for the methods that look at states.
+    /// The plant model: its relative degrees, and A and B for state methods.
     pub model: Option<ModelFile>,
-    /// Longest delay to search, s. `None`: that of `Search`; of records shorter than four times that, 25 % of the longest record. It is doubled while the response begins
-    /// later, up to a third of the longest record.
+    /// Longest delay to search, s. `None`: that of `Search`; for records shorter than four times that, 25 % of the longest record. The window doubles while the
+    /// response begins later, up to a third of the longest record.
     pub max_delay_s: Option<f64>,
-    /// Samples that the plant needs to respond without any dead time; `None`: the model's, or 1.
+    /// Samples after which the plant responds without any dead time; `None`: the model's, or 1.
     pub degree_bias: Option<usize>,
-    /// What to take off each channel first.
+    /// The trend subtracted from each channel.
     pub detrend: Detrend,
-    /// What is known of feedback.
+    /// Known feedback.
     pub feedback: Feedback,
-    /// The delay against time is wanted, also where one delay describes the records.
+    /// Requests the delay against time, also where one delay describes the records.
     pub track: bool,
-    /// Looked at between methods, pairs, and the delays of long scans.
+    /// Cancellation, checked between methods, pairs, and the delays of long scans.
     pub stop: Stop,
-    /// Where it is said how many methods have answered.
+    /// Progress: the share of methods that have finished.
     pub far: HowFar,
 }
 
 impl Job {
-    /// Every method on every pair of these inputs and outputs of one or several records, with the defaults of `Search`, means taken off, and feedback looked for;
-    /// called as its first record is.
+    /// Every method on every pair of these inputs and outputs of one or several records. The defaults: those of `Search`, means subtracted, feedback tested.
+    /// The job has its first record's name.
     pub fn new<I: Into<String>, O: Into<String>>(
         logs: Vec<Log>,
         inputs: impl IntoIterator<Item = I>,
@@ -90,13 +90,13 @@ impl Job {
         }
     }
 
-    /// By how much a response may look too early because the logs were put onto another grid than their own, s.
+    /// The largest apparent lead of a response, s, caused by resampling the logs onto another grid.
     pub(super) fn early_s(&self) -> f64 {
         self.logs.iter().map(Log::early_s).fold(0.0, f64::max)
     }
 }
 
-/// Samples that hold so many seconds.
+/// The number of samples in `seconds`.
 pub(super) fn whole(step: SampleTime, seconds: f64) -> Result<usize> {
     let samples = step.samples(seconds)?;
     Ok(samples.whole + usize::from(samples.fraction > 0.0))

@@ -19,7 +19,7 @@ pub struct Ready {
 }
 
 impl Ready {
-    /// Every method that looks at samples, with its default options.
+    /// Every sample method, with its default options.
     #[must_use]
     pub fn all() -> Vec<Self> {
         let methods = every().filter(|m| m.scope != Scope::Events);
@@ -29,13 +29,13 @@ impl Ready {
     }
 }
 
-/// Methods that a single step is enough for, by their names.
+/// The names of the methods for which a single step is enough.
 pub const STEP_METHODS: [&str; 6] = ["p1d", "p2d", "p3d", "p2dz", "area1", "cusum_step"];
 
-/// The methods asked for, in the list's order, with their options as JSON objects; `all` are those that look at one of `scopes`.
+/// The requested methods in the list's order, with their options as JSON objects; `all` are those with one of `scopes`.
 ///
 /// # Errors
-/// [`RegistryError`] for a name or an option that there is not; [`DelayError::WrongScope`] for a method that looks at something else.
+/// [`RegistryError`] for an unknown name or option; [`DelayError::WrongScope`] for a method of another scope.
 pub fn chosen(
     names: &[String],
     options: &BTreeMap<String, Value>,
@@ -57,7 +57,7 @@ pub fn chosen(
     Ok(ready)
 }
 
-/// Every name asked for is one of `known`, or `all`.
+/// Checks that every requested name is one of `known`, or `all`.
 pub(crate) fn known(
     kind: &'static str,
     known: impl Iterator<Item = &'static str>,
@@ -72,7 +72,7 @@ pub(crate) fn known(
     }
 }
 
-/// The options of the method called `name`; none where none are given.
+/// The options of the method called `name`; `null` without any.
 pub(crate) fn options_of(options: &BTreeMap<String, Value>, name: &str) -> Value {
     options.get(name).cloned().unwrap_or_else(none)
 }

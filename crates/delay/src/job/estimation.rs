@@ -21,7 +21,7 @@ impl Job {
     /// Estimates every pair by every method.
     ///
     /// # Errors
-    /// What the channels, the model or a typed option cannot be used for; [`crate::error::Error::Stopped`]. What a method cannot do with the data is its answer.
+    /// Unusable channels, model or options; [`crate::error::Error::Stopped`]. A method that cannot use the data gives an outcome.
     pub fn run(&self) -> Result<Report> {
         let (logged, search, bias) = self.prepared()?;
         let ts = logged.sample_time();
@@ -56,7 +56,7 @@ impl Job {
         report.pairs.iter().map(response).collect()
     }
 
-    /// What the methods look at, for each pair of a report; `None` for pairs of an input and all states.
+    /// The curves behind the methods, for each pair of a report; `None` for pairs of an input and all states.
     ///
     /// # Errors
     /// As [`evidence`].
@@ -69,7 +69,7 @@ impl Job {
         report.pairs.iter().map(of).collect()
     }
 
-    /// What is to be expected of each method that looks at pairs, before any runs: for each pair, outputs first, one line a method.
+    /// The predicted accuracy of each pair method, before any runs: for each pair, outputs first, one line a method.
     ///
     /// # Errors
     /// As [`Job::run`].
@@ -95,7 +95,7 @@ impl Job {
         Ok(logged.detrended(self.detrend).map_err(self.in_log())?)
     }
 
-    /// The channels as they were logged, so that a message shows the values that are in the file; the window and the bias.
+    /// The channels as logged, so that messages show the values in the file; the window and the bias.
     fn prepared(&self) -> Result<(Experiment<'_>, Search, Bias)> {
         for channels in [&self.inputs, &self.outputs] {
             if let Some((_, twice)) =
@@ -123,7 +123,7 @@ impl Job {
 
     fn max_delay(&self, ts: SampleTime) -> Result<usize> {
         let samples = self.logs.iter().map(Log::len).max().unwrap_or(0);
-        // Of a short record no method could search more.
+        // No method could search more in a short record.
         let Some(seconds) = self.max_delay_s else {
             return Ok(Search::default().max_delay.min(samples / 4).max(1));
         };
@@ -134,7 +134,7 @@ impl Job {
         Ok(longest)
     }
 
-    /// Every pair by every method that looks at pairs, and the longest delay searched in any, samples.
+    /// Every pair by every pair method, and the longest delay searched in any, samples.
     fn pairs(
         &self,
         logged: &Experiment<'_>,
@@ -160,7 +160,7 @@ impl Job {
         Ok((pairs, longest))
     }
 
-    /// One pair, over the window that its response begins in, and that window: unless it is given it grows as long as a method that counts stands at its end.
+    /// One pair, and the window in which its response begins. Without a given window it grows while the estimate of a trusted method is at its end.
     fn in_its_window(&self, of: &Of<'_, '_>, shares: Option<&Shares>) -> Result<(Pair, usize)> {
         let [i, o] = of.names;
         let every = (self.inputs.len() * self.outputs.len()) as f64;
@@ -219,7 +219,7 @@ impl Job {
         }
     }
 
-    /// What `of` makes of every pair, as methods see it, outputs first.
+    /// Applies `of` to the view of every pair, outputs first.
     fn each_pair<'a, T>(
         &self,
         logged: &'a Experiment<'_>,
@@ -245,20 +245,20 @@ struct Of<'a, 'b> {
     logged: &'a Experiment<'b>,
     experiment: &'a Experiment<'b>,
     search: &'a Search,
-    /// The methods that look at pairs.
+    /// The pair methods.
     methods: &'a [&'a Ready],
-    /// The input and the output, by their numbers.
+    /// The indices of the input and the output.
     names: [usize; 2],
 }
 
-/// What is to be expected of each method for one pair.
+/// The predicted accuracy of each method for one pair.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expected {
     /// The input.
     pub input: String,
     /// The output.
     pub output: String,
-    /// Methods by name; `None` where there is no prediction.
+    /// Methods by name; `None` without a prediction.
     pub methods: Vec<(&'static str, Option<Richness>)>,
 }
 
@@ -324,7 +324,7 @@ mod tests {
                 });
                 match ready.estimator.estimate(&experiment, &search) {
                     Err(DelayError::Stopped) => {}
-                    // Done before the wish came.
+                    // The method finished before the cancellation.
                     Ok(answer) => assert!(wait > 0 && answer.delay_s.is_some(), "{name}"),
                     Err(other) => panic!("{name}: {other}"),
                 }

@@ -16,27 +16,27 @@ use deadtime_signal::stats;
 use deadtime_signal::stop::Stop;
 use deadtime_signal::time::SampleTime;
 
-/// Everything that an estimation between two sequences of event times needs; [`EventsJob::new`] has every method and the defaults.
+/// The configuration of an estimation between two sequences of event times; [`EventsJob::new`] has every method and the defaults.
 pub struct EventsJob {
-    /// What the log is called.
+    /// The name of the log.
     pub name: String,
-    /// What the two sequences are called.
+    /// The names of the two sequences.
     pub channels: [String; 2],
-    /// When the events were seen at the first place, and at the second.
+    /// Times of the events at the first place, and at the second.
     pub events: [EventTimes; 2],
     /// The methods, as `chosen` makes them.
     pub methods: Vec<Ready>,
-    /// Longest delay to search, s; `None`: as many typical intervals as `Search` has samples.
+    /// Longest delay to search, s; `None`: the window of `Search` in typical intervals.
     pub max_delay_s: Option<f64>,
-    /// Looked at between methods.
+    /// Cancellation, checked between methods.
     pub stop: Stop,
 }
 
-/// Parts of a typical interval in which the window is counted.
+/// Window units per typical interval.
 const PARTS: u8 = 100;
 
 impl EventsJob {
-    /// Every method that looks at events, between two sequences that are called so, with the defaults of `Search`.
+    /// Every event method between two named sequences, with the defaults of `Search`.
     pub fn new(name: impl Into<String>, channels: [&str; 2], events: [EventTimes; 2]) -> Self {
         Self {
             name: name.into(),
@@ -51,8 +51,8 @@ impl EventsJob {
     /// Estimates the delay by every method.
     ///
     /// # Errors
-    /// [`DelayError::OneEvent`], [`DelayError::Intervals`], [`DelayError::NoWindow`], [`deadtime_signal::time::TimeError`]; [`crate::error::Error::Stopped`]. What a method cannot do with the
-    /// events is its answer.
+    /// [`DelayError::OneEvent`], [`DelayError::Intervals`], [`DelayError::NoWindow`], [`deadtime_signal::time::TimeError`];
+    /// [`crate::error::Error::Stopped`]. A method that cannot use the events gives an outcome.
     pub fn run(&self) -> Result<Report> {
         let Self { name, channels: [a, b], events: [first, second], methods, stop, .. } = self;
         if let Some(none) = [first, second].into_iter().find(|e| e.times.is_empty()) {
@@ -94,8 +94,7 @@ impl EventsJob {
         })
     }
 
-    /// The typical interval of the first sequence, s, and the part of it in which the window is
-    /// counted.
+    /// The typical interval of the first sequence, s, and the fraction of it that is the window's unit.
     fn interval(&self) -> Result<(f64, SampleTime)> {
         let (log, channel) = (self.name.clone(), self.channels[0].clone());
         let intervals = self.events[0].times.windows(2).map(|w| w[1] - w[0]).collect();

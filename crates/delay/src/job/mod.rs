@@ -1,4 +1,4 @@
-//! The whole estimation: the methods asked for on every pair of a log, what the record shows, the expected accuracy and the verdict.
+//! The whole estimation: the requested methods on every pair of a log, the conditions of the record, the predicted accuracy and the verdict.
 
 mod answers;
 pub(crate) mod asked;

@@ -1,4 +1,4 @@
-//! One pair: what its record shows, what every method answers, and the verdict.
+//! One pair: the conditions of its record, every method's estimate, and the verdict.
 
 use rayon::prelude::*;
 
@@ -30,7 +30,7 @@ use crate::window::at_its_end;
 use deadtime_identify::Record;
 use deadtime_signal::progress::HowFar;
 
-/// How much of the work on a pair is done when the record was looked at, and when all methods have answered.
+/// Progress on a pair after the tests of its record; the methods take the remainder.
 const LOOKED: f64 = 0.15;
 const ANSWERED: f64 = 0.75;
 
@@ -46,19 +46,19 @@ pub(super) enum Estimated {
 /// One pair of a job.
 pub(super) struct OnePair<'a, 'b> {
     pub(super) job: &'b Job,
-    /// The methods that look at pairs.
+    /// The pair methods.
     pub(super) methods: &'b [&'b Ready],
-    /// The pair as methods see it.
+    /// The views of the pair for the methods.
     pub(super) seen: PairView<'a>,
-    /// What every input does to the output.
+    /// The response of the output to each input.
     pub(super) shares: Option<&'b Shares>,
-    /// The input and the output, by their numbers.
+    /// The indices of the input and the output.
     pub(super) names: [usize; 2],
     /// The window may grow.
     pub(super) grows: bool,
     /// The channels are taken for two sensors of one signal.
     pub(super) two_sensors: bool,
-    /// Where it is said how far the work on it is.
+    /// Progress of the work on this pair.
     pub(super) far: HowFar,
 }
 
@@ -71,14 +71,14 @@ impl OnePair<'_, '_> {
         &self.job.outputs[self.names[1]]
     }
 
-    /// The pair's answers and its verdict, or what has to be changed first.
+    /// The pair's estimates and its verdict, or the required change of the search.
     pub(super) fn estimated(&self) -> Result<Estimated> {
         let (input, output) = (self.input(), self.output());
         let mut search = self.seen.search.clone();
         let findings = self.findings()?;
         let closed = findings.iter().any(|f| f.condition == Condition::Feedback);
         if closed {
-            // A controller that answers within the sample would pass for a plant that does.
+            // A controller that reacts within the sample would pass for a plant with a direct path.
             search.min_delay = search.bias(0, 0);
         }
         let records = self.seen.one.pair(0, 0)?;
@@ -117,13 +117,13 @@ impl OnePair<'_, '_> {
         }
         pair.two_sensors = self.two_sensors;
         self.qualify(&mut pair, closed, held, may_be_copy);
-        // Between interpolated samples every jump stands off.
+        // Between interpolated samples every jump looks like an outlier.
         if self.job.early_s() == 0.0 {
             pair.standing_off = standing_off(&records);
         }
         let leads =
             looked_for.then(|| lead(&records, search.max_delay, search.bias(0, 0))).flatten();
-        // Between interpolated samples an output moves a sample early.
+        // Interpolation makes an output lead by one sample.
         let ahead = self.seen.looped.ahead && self.job.early_s() == 0.0;
         if self.seen.looped.tied {
             pair.verdict = Verdict::none(tied_note(input, output));
@@ -139,7 +139,7 @@ impl OnePair<'_, '_> {
         Ok(Estimated::Pair(Box::new(pair)))
     }
 
-    /// What the record adds to the verdict of the methods; `held`: the samples that an input under feedback is held for.
+    /// Adds the record's evidence to the verdict of the methods; `held`: the samples for which an input under feedback is held.
     fn qualify(&self, pair: &mut Pair, closed: bool, held: usize, may_be_copy: bool) {
         let ts = self.seen.one.sample_time();
         let at_once = at_once(&pair.verdict, ts.seconds());
@@ -158,7 +158,7 @@ impl OnePair<'_, '_> {
         }
     }
 
-    /// The response lasts a sample, and the relative degree was assumed: the channels may be two sensors of one signal.
+    /// The response lasts one sample, and the relative degree was assumed: the channels may be two sensors of one signal.
     fn may_be_copy(&self, pair: &Pair) -> Result<bool> {
         let shows = |condition| pair.findings.iter().any(|f| f.condition == condition);
         let assumed = self.job.degree_bias.is_none() && self.job.model.is_none();
@@ -171,7 +171,7 @@ impl OnePair<'_, '_> {
             || lasts_one_sample(&self.seen.one.pair(0, 0)?, self.seen.search.max_delay))
     }
 
-    /// What the record shows that not every method withstands.
+    /// The conditions of the record that some methods do not withstand.
     fn findings(&self) -> Result<Vec<Finding>> {
         let (seen, max_delay) = (&self.seen, self.seen.search.max_delay);
         let mut findings = of_the_plant(&seen.alone().pair(0, 0)?, max_delay);
@@ -192,7 +192,7 @@ impl OnePair<'_, '_> {
         let integrating =
             if open { integrates(&seen.alone().pair(0, 0)?, max_delay) } else { None };
         if let Some(integrating) = integrating {
-            // What an integral shows besides: it lasts, its noise is not white, and its pole may be estimated outside the unit circle.
+            // Side effects of an integrator: a long response, coloured noise, and an estimated pole outside the unit circle.
             findings.retain(|f| {
                 !matches!(
                     f.condition,
@@ -208,7 +208,7 @@ impl OnePair<'_, '_> {
         Ok(findings)
     }
 
-    /// Every method's answer. In a loop, what does not withstand feedback sees what is free of it.
+    /// Every method's estimate. In a loop, methods without immunity to feedback use the open-loop part of the input.
     fn answers(&self, search: &Search, findings: &[Finding]) -> Result<Vec<MethodAnswer>> {
         let seen = &self.seen;
         let shows = |condition| findings.iter().any(|f| f.condition == condition);
@@ -223,7 +223,7 @@ impl OnePair<'_, '_> {
         // error.
         let predicted = richness(seen.by_start(Start::Rest), search, &looks)
             .unwrap_or_else(|_| vec![None; looks.len()]);
-        // A method that is made for something else than the record shows is no line of an answer, unless nothing else was asked.
+        // A method for another condition than the record's is omitted, unless only such methods were requested.
         let suits = |r: &Ready| r.method.made_for.is_none_or(shows);
         let any = self.methods.iter().any(|r| suits(r));
         let asked: Vec<(&Ready, _)> = (self.methods.iter().copied().zip(predicted))
@@ -256,13 +256,13 @@ impl OnePair<'_, '_> {
     }
 }
 
-/// A dead time below half a sample, or below one with an interval that holds zero: nothing that a controller within the sample could not be.
+/// A dead time below half a sample, or below one with an interval that holds zero: a controller within the sample explains it, too.
 fn at_once(verdict: &Verdict, step_s: f64) -> bool {
     let zero = verdict.ci95_s.is_some_and(|[from, _]| from < 0.5 * step_s);
     verdict.delay_s.is_some_and(|d| d < 0.5 * step_s || (zero && d < step_s))
 }
 
-/// A pair with the part of the input that the output did not cause, where there is enough of it.
+/// A pair with the open-loop part of the input, where that part is large enough.
 fn open_experiment<'a>(
     one: &Experiment<'_>,
     max_delay: usize,

@@ -1,4 +1,4 @@
-//! Pairs whose record is too poor for any method.
+//! Pairs whose record excites too little for any method.
 
 use super::answers::{MethodAnswer, pair};
 use super::asked::Job;
@@ -13,7 +13,7 @@ use crate::verdict::conclusion::{RecordFacts, Verdict};
 use deadtime_identify::Record;
 
 impl Job {
-    /// The pair with no answers and the reason, where its input has one frequency or its records a handful of samples; a response to one step may be short.
+    /// The pair without estimates, and the reason: its input has one frequency, or its records too few samples. A response to one step may be short.
     pub(super) fn too_poor(
         &self,
         one: &Experiment<'_>,

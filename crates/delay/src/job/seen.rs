@@ -1,4 +1,4 @@
-//! A pair as methods see it: alone or with the other inputs, from its mean or from where it rested.
+//! The views of a pair for the methods: alone or with the other inputs, relative to its mean or to its rest.
 
 use super::asked::{Feedback, Job};
 use crate::error::Result;
@@ -10,34 +10,34 @@ use crate::process::family::rough;
 use crate::process::shares::{Measured, Shares};
 use deadtime_identify::Record;
 
-/// One pair as methods see it.
+/// The views of one pair for the methods.
 pub(super) struct PairView<'a> {
-    /// As it was measured, detrended.
+    /// As measured, detrended.
     pub(super) one: Experiment<'a>,
-    /// Without what other inputs do, where they visibly do something and there is no loop.
+    /// Without the effect of other inputs, where that effect is visible in open loop.
     pub(super) freed: Option<Experiment<'a>>,
-    /// The same, or the pair, measured from where it rested, where it did.
+    /// The same, or the pair, relative to its rest, where it began at rest.
     pub(super) rested: Option<Experiment<'a>>,
-    /// What a method that takes all inputs together sees: this one first.
+    /// The view for a joint method over all inputs: this input first.
     pub(super) together: Experiment<'a>,
-    /// The same from where the pair rested, where all inputs did.
+    /// The same relative to the rest, where all inputs began at rest.
     pub(super) together_rested: Option<Experiment<'a>>,
     /// The window, with this pair's bias.
     pub(super) search: Search,
-    /// What the record shows of a loop.
+    /// Evidence of a loop in the record.
     pub(super) looped: InLoop,
 }
 
-/// From where a pair is measured that rests at its start.
+/// The reference level of a pair that begins at rest.
 enum Level {
-    /// From its level before the inputs moved.
+    /// Its level before the inputs moved.
     BeforeMoving,
-    /// From zero.
+    /// Zero.
     AsLogged,
 }
 
 impl<'a> PairView<'a> {
-    /// What a method that takes all inputs together sees.
+    /// The view for a joint method over all inputs.
     pub(super) fn all_inputs(&self, start: Start) -> &Experiment<'a> {
         match start {
             Start::Rest => self.together_rested.as_ref().unwrap_or(&self.together),
@@ -45,12 +45,12 @@ impl<'a> PairView<'a> {
         }
     }
 
-    /// The pair without what other inputs do.
+    /// The pair without the effect of other inputs.
     pub(super) fn alone(&self) -> &Experiment<'a> {
         self.freed.as_ref().unwrap_or(&self.one)
     }
 
-    /// What a method that takes this for granted of the start sees.
+    /// The view for a method with this assumption on the start.
     pub(super) fn by_start(&self, start: Start) -> &Experiment<'a> {
         match start {
             Start::Rest => self.rested.as_ref().unwrap_or_else(|| self.alone()),
@@ -60,7 +60,7 @@ impl<'a> PairView<'a> {
 }
 
 impl Job {
-    /// One pair of the experiment.
+    /// The views of one pair of the experiment.
     pub(super) fn seen<'a>(
         &self,
         logged: &'a Experiment<'_>,
@@ -72,7 +72,7 @@ impl Job {
         let search = search.towards(i, o, self.inputs.len());
         let (one, together) = (experiment.select(i, o)?, experiment.towards(i, o)?);
         let looped = self.looped(&one.pair(0, 0)?, search.max_delay, search.bias(0, 0));
-        // What a loop makes of several inputs is no sum of what each does.
+        // In a loop of several inputs the effects do not superpose.
         let closed = self.feedback.said().is_some() || looped.finding().is_some();
         let shares = shares.filter(|s| !closed && !s.of_others(i).is_empty());
         let without = |together: &Experiment<'_>, from| {
@@ -108,8 +108,8 @@ impl Job {
         Ok(PairView { rested, freed, together, together_rested, search, looped, one })
     }
 
-    /// The pair measured from its rest, where that explains it better than its mean: from its offset before the inputs moved, or as logged, where that is zero. A
-    /// rough model decides: an input that rests for a while at first may be one that moves seldom, and a controller that rests at zero moves at once.
+    /// The pair relative to its rest, where that fits better than its mean. The level is the offset before the inputs moved, or zero for a pair logged from
+    /// zero. A rough model decides. An input with a long initial rest may be one that moves seldom, and a controller at zero moves at once.
     fn best_start<'a>(
         &self,
         at_mean: &Experiment<'_>,
@@ -131,7 +131,7 @@ impl Job {
         Ok(best.1)
     }
 
-    /// What the record shows of a loop, as far as the user does not know it.
+    /// Evidence of a loop in the record, overridden by the user's statement.
     fn looped(&self, records: &[Record<'_>], max_delay: usize, bias: usize) -> InLoop {
         let seen = in_loop(records, max_delay, bias);
         match self.feedback {

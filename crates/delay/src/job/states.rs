@@ -1,4 +1,4 @@
-//! What a model adds to an estimation: relative degrees, and the methods that look at its states.
+//! The use of a model in an estimation: relative degrees, and the state methods.
 
 use std::time::Instant;
 
@@ -19,7 +19,7 @@ use deadtime_signal::remedy::{Message, Remedied};
 use deadtime_signal::time::SampleTime;
 
 impl Job {
-    /// Every input of the model by every method that looks at the states.
+    /// Every input of the model by every state method.
     pub(super) fn inputs_by_state(
         &self,
         model: &ModelFile,
@@ -73,8 +73,8 @@ impl Job {
             .collect())
     }
 
-    /// All inputs of the model and its states, as logged: A and B are about the channels themselves, so nothing is detrended. Channels that no method could use are an
-    /// error inside, as they are the methods' answer.
+    /// All inputs of the model and its states, as logged: A and B describe the channels themselves, so nothing is detrended. The inner error reports unusable
+    /// channels as the methods' outcome.
     fn with_states(
         &self,
         model: &ModelFile,

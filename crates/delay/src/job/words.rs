@@ -1,18 +1,18 @@
-//! The sentences of a verdict that come from the record and not from the methods.
+//! The sentences of a verdict that come from the record instead of the methods.
 
 use crate::excitation::{OneFrequency, SHORTEST};
 use crate::verdict::conclusion::Verdict;
 use crate::verdict::refusal::EXPERIMENT;
 use deadtime_signal::time::SampleTime;
 
-/// What to say where a controller leaves the input nothing of its own.
+/// The note on an input without any motion of its own under a controller.
 pub(super) fn tied_note(input: &str, output: &str) -> String {
     format!(
         "`{input}` is a function of `{output}` alone: the controller and the plant are one equation here, and no method can separate a dead time; {EXPERIMENT}"
     )
 }
 
-/// Which inputs were taken off first, each with its share of the output's power.
+/// The note on the inputs whose effects were subtracted first, each with its share of the output's power.
 pub(super) fn taken_off_note(inputs: &[String], shares: &[(usize, f64)]) -> String {
     let each = shares.iter().map(|(other, share)| {
         format!("`{}` ({:.0} % of the output's power)", inputs[*other], 100.0 * share)
@@ -23,12 +23,12 @@ pub(super) fn taken_off_note(inputs: &[String], shares: &[(usize, f64)]) -> Stri
     )
 }
 
-/// What to say of a handful of samples.
+/// The note on a record of too few samples.
 pub(super) fn too_short_note(samples: usize) -> String {
     format!("{samples} samples are too few for a dead time; at least {SHORTEST} are needed")
 }
 
-/// What to say of an input of one frequency: the delays that fit its phase.
+/// The note on an input of one frequency: the delays that fit its phase.
 pub(super) fn one_frequency_note(
     input: &str,
     output: &str,
@@ -43,7 +43,7 @@ pub(super) fn one_frequency_note(
     )
 }
 
-/// What to say where methods find no dead time in a loop, and no direct path is seen.
+/// The note where methods find no dead time in a loop, and no direct path is detected.
 pub(super) fn at_once_in_loop_note(verdict: &Verdict, ts: SampleTime) -> String {
     let most = verdict.ci95_s.map_or(ts.seconds(), |[_, to]| to);
     format!(
@@ -53,7 +53,7 @@ pub(super) fn at_once_in_loop_note(verdict: &Verdict, ts: SampleTime) -> String 
     )
 }
 
-/// The doubt where the response lasts one sample: the convention that was taken, and the dead time by the other one.
+/// The note where the response lasts one sample: the convention of the verdict, and the dead time by the other convention.
 pub(super) fn copy_note(delay_s: f64, two_sensors: bool, ts: SampleTime) -> String {
     if two_sensors {
         let held = digits((delay_s - ts.seconds()).max(0.0), ts);
@@ -68,7 +68,7 @@ pub(super) fn copy_note(delay_s: f64, two_sensors: bool, ts: SampleTime) -> Stri
     }
 }
 
-/// The doubt where methods that count stand at the end of the window.
+/// The note where trusted methods find the delay at the end of the window.
 pub(super) fn at_end_note(methods: &[&str], window_s: f64, ts: SampleTime) -> String {
     let verb = if methods.len() == 1 { "finds" } else { "find" };
     format!(
@@ -78,7 +78,7 @@ pub(super) fn at_end_note(methods: &[&str], window_s: f64, ts: SampleTime) -> St
     )
 }
 
-/// What to say where the output leads the input.
+/// The note where the output leads the input.
 pub(super) fn lead_note(input: &str, output: &str, samples: usize, ts: SampleTime) -> String {
     let by_s = digits(ts.to_seconds(samples as f64), ts);
     format!(
@@ -86,7 +86,7 @@ pub(super) fn lead_note(input: &str, output: &str, samples: usize, ts: SampleTim
     )
 }
 
-/// What to say where the output moves before its command and no controller is the cause.
+/// The note where the output leads its command and no controller is the cause.
 pub(super) fn ahead_note(input: &str, output: &str) -> String {
     format!(
         "`{output}` moves before its command `{input}`: it was smoothed both ways (filtfilt, a centred average), or its clock is ahead; the dead time is not identifiable behind that; log `{output}` unfiltered, or filtered forwards only"
@@ -99,8 +99,8 @@ fn digits(seconds: f64, ts: SampleTime) -> String {
     format!("{seconds:.places$}")
 }
 
-/// The verdict on an input that is held for several samples while what it does later shows in the output: it was logged more seldom than it was given, so that the delay may be
-/// that much longer. Where that is all of it, no number is given.
+/// The verdict on an input held for several samples whose later values are visible in the output. Such an input was logged less often than it was given, so the
+/// delay may be longer by the hold. A delay within the hold gives a verdict without a value.
 pub(super) fn held_verdict(
     verdict: Verdict,
     input: &str,

@@ -1,8 +1,9 @@
 //! The delay whose shifted input explains the output in the Laguerre domain.
 //!
-//! Equation: x(t) has the spectrum xₖ = Σ x(t)·lₖ(t), l₀ = √(1 − a²)·z/(z − a), lₖ₊₁ = w·lₖ, w = (1 − az)/(z − a). A transfer function keeps its order under z⁻¹ = (w + a)/(1 + aw).
-//! A sample of delay is the filter (w + a)/(1 + aw) along k; b/(1 + f₁z⁻¹ + f₂z⁻²) is one of two poles with the zeros of (1 + aw)². The answer is
-//! τ̂ = Ts·argmin over nk of V(nk), V = Σₖ (yₖ − ŷₖ)², ŷ the best output-error model of that form on the spectrum of u(t − nk).
+//! Equation: x(t) has the spectrum xₖ = Σ x(t)·lₖ(t). The sequences are l₀ = √(1 − a²)·z/(z − a), lₖ₊₁ = w·lₖ, w = (1 − az)/(z − a). A transfer function keeps
+//! its order under z⁻¹ = (w + a)/(1 + aw). A sample of delay is the filter (w + a)/(1 + aw) along k. b/(1 + f₁z⁻¹ + f₂z⁻²) is a filter of two poles with the
+//! zeros of (1 + aw)². The estimate is τ̂ = Ts·argmin over nk of V(nk), V = Σₖ (yₖ − ŷₖ)². ŷ is the best output-error model of that form on the spectrum of u(t
+//! − nk).
 
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
@@ -13,16 +14,17 @@ use deadtime_identify::{Initial, OutputError, Record, laguerre_spectra};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
-/// Assumes: a stable plant of two poles in open loop that rests at the start; white noise, which the orthonormal sequences leave white; no sample missing. The input
-/// need not excite for ever: steps and pulses are what it is made for.
-/// Resolution and cost: one sample; O(N·order) for the spectra, and for each delay a search over two poles on `order` numbers, whatever N is.
-/// Fails when: the input moves faster than the sequences, which cover about the lowest order/N of the frequencies, or after the part of the record that they cover
-/// (a wide interval, or `flat`); the plant is of higher order (early or late by a sample or two); outputs are missing (`not_applicable`); or under
-/// feedback (biased).
-/// Source: Fischer and Medvedev (1999), "L2 time delay estimation by means of Laguerre functions", Proc. ACC, 455-459, doi:10.1109/ACC.1999.782869, for the spectrum of
-/// a delayed signal; their "Laguerre shift identification of a pressurized process" (late 1990s) for models in the Laguerre domain; Björklund (2003),
-/// LiU-TEK-LIC-2003:60, class 1c (`fischer`), good on steps and poor on random inputs. Neither paper was available, only later accounts of them. The authors identify by a
-/// subspace method; the model here is that of `oestruc`. Pole and number of sequences are chosen so that these fill 80 % of the longest record; Björklund does not give his.
+/// Assumes: a stable plant of two poles in open loop that rests at the start; no missing samples. The noise is white; orthonormal sequences keep it white.
+/// Steps and pulses suffice as inputs; no persistent excitation is needed.
+/// Resolution and cost: one sample. O(N·order) for the spectra; for each delay a search over two poles on `order` values, independent of N.
+/// Fails when: the input is faster than the sequences, which cover about the lowest order/N of the frequencies (a wide interval, or `flat`). Input motion after
+/// the part of the record that they cover has the same result. A plant of higher order is early or late by one or two samples. Missing outputs give
+/// `not_applicable`. Feedback biases the estimate.
+/// Source: Fischer and Medvedev (1999), "L2 time delay estimation by means of Laguerre functions", Proc. ACC, 455-459, doi:10.1109/ACC.1999.782869, for the
+/// spectrum of a delayed signal. For models in the Laguerre domain "Laguerre shift identification of a pressurized process" by the same authors (late 1990s).
+/// Björklund (2003), LiU-TEK-LIC-2003:60, class 1c (`fischer`): good on steps and poor on random inputs. Neither paper was available, only later accounts of
+/// them. The authors identify by a subspace method; the model here is that of `oestruc`. The pole makes the given number of sequences fill 80 % of the longest
+/// record; Björklund does not give his choice.
 ///
 /// # Example
 /// ```
@@ -41,7 +43,7 @@ use deadtime_identify::{Initial, OutputError, Record, laguerre_spectra};
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Fischer {
-    /// Laguerre sequences; default 60: with fewer the edges of steps blur, with more the time grows and little else.
+    /// Laguerre sequences; default 60: fewer blur the edges of steps, more mainly cost time.
     pub order: usize,
 }
 
@@ -53,13 +55,13 @@ impl Default for Fischer {
 
 const NAME: &str = "fischer";
 
-/// Fewer sequences than this leave the model little to be fitted to.
+/// Fewer sequences leave the model too few data.
 const LEAST: usize = 10;
 
-/// The share of a record that the sequences fill: beyond it they must have died out, for what would follow the record is not known.
+/// The share of a record that the sequences fill. Sequences must decay within the record, because later samples are unknown.
 const FILLED: f64 = 0.8;
 
-/// Poles of the model, as `oestruc`.
+/// Poles of the model, as in `oestruc`.
 const POLES: usize = 2;
 
 /// Its line in the list of methods.

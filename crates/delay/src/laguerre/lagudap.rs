@@ -1,8 +1,8 @@
 //! The delay of the all-pass part of a Laguerre model.
 //!
-//! Equation: y(t) = Σ cₖ Lₖ(q) u(t) + e(t), Lₖ(z) = √(1 − a²)/(z − a)·wᵏ⁻¹ with w = (1 − az)/(z − a). The map w takes the outside of the unit circle to its inside and
-//! delays by (1 + a)/(1 − a) samples at ω = 0. So the zeros of Σ cₖwᵏ⁻¹ are those of the model, and
-//! τ̂ = 1 + (1 + a)/(1 − a)·Σ over |wᵢ| < 1 of Re (1 + wᵢ)/(1 − wᵢ) samples, the 1 being that of 1/(z − a).
+//! Equation: y(t) = Σ cₖ Lₖ(q) u(t) + e(t), Lₖ(z) = √(1 − a²)/(z − a)·wᵏ⁻¹ with w = (1 − az)/(z − a). The map w takes the outside of the unit circle to its
+//! inside. At ω = 0 it delays by (1 + a)/(1 − a) samples. The zeros wᵢ of Σ cₖwᵏ⁻¹ are those of the model. Hence τ̂ = 1 + (1 + a)/(1 − a)·Σ Re (1 + wᵢ)/(1 −
+//! wᵢ) samples over |wᵢ| < 1. The leading 1 belongs to 1/(z − a).
 
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
@@ -12,26 +12,26 @@ use crate::method::{Condition, Information, Law, Method, Start, method_line, pla
 use deadtime_identify::{Laguerre, Record, laguerre};
 use deadtime_signal::stats;
 
-/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value has the sample of the hold in it.
+/// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value includes the sample of the hold.
 ///
-/// Assumes: a stable plant in open loop that rests at the start, white noise, no zeros of the plant outside the unit circle, a gain at frequency 0.
-/// Resolution and cost: a series of ten terms comes near a delay of ten samples to half a sample, near one of 35 to two; O(N·order²) for each pole tried.
-/// Fails when: the delay is long against order·(1 + a)/(1 − a) samples (what the series misses is then taken for noise: a wide interval), the plant is resonant (one
-/// real pole suits it badly), the gain at frequency 0 is small against the noise (zeros near z = 1: left out with a note, or `flat`), or the input is too poor
-/// (`not_rich_enough`).
-/// The interval has in it how far the series of other poles that fit about as well disagree, in the median: they differ by what each misses.
-/// Source: Wahlberg (1991), IEEE Trans. Automat. Contr. 36(5), 551-562, for the series; Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285, and
-/// Björklund and Ljung (2009), Automatica 45(10), 2467-2470, for the delay (10 filters with the pole 0.8 there). Björklund's `lagudap2` (2003,
-/// LiU-TEK-LIC-2003:60) may choose the pole otherwise; here the one of twelve that fits best is taken. On the guard against zeros near 1 see the head of `all_pass`.
+/// Assumes: a stable plant in open loop that rests at the start, without zeros outside the unit circle; white noise; a gain at frequency 0.
+/// Resolution and cost: ten terms approximate a delay of 10 samples within 0.5 samples, one of 35 samples within 2. O(N·order²) for each tested pole.
+/// Fails when: the delay is long compared with order·(1 + a)/(1 − a) samples: the series residual passes for noise (wide interval). One real pole fits a
+/// resonant plant poorly. A gain at frequency 0 that is small compared with the noise puts zeros near z = 1 (excluded with a note, or `flat`). An input may
+/// excite too little (`not_rich_enough`). The interval includes the median disagreement between series of other poles that fit about equally well; it measures
+/// the truncation error.
+/// Source: Wahlberg (1991), IEEE Trans. Automat. Contr. 36(5), 551-562, for the series. For the delay Isaksson, Horch and Dumont (2001), Proc. ACC, 3280-3285,
+/// and Björklund and Ljung (2009), Automatica 45(10), 2467-2470 (10 filters with the pole 0.8 there). Björklund's `lagudap2` (2003, LiU-TEK-LIC-2003:60) may
+/// choose the pole otherwise; here the best-fitting one of twelve is used. The head of `all_pass` describes the guard against zeros near 1.
 #[doc = plant_example!(Lagudap, 400, 0.8, 0.05)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Lagudap {
-    /// Filters; default none: one for each delay searched, at least 10. The published 10 come near a delay of ten samples and of no longer one.
+    /// Filters; default `None`: one for each delay searched, at least 10. The published 10 represent delays of up to ten samples.
     pub order: Option<usize>,
-    /// The pole a, between 0 and 1; default none: the one of twelve from 0 to 0.97 that fits best.
+    /// The pole a, between 0 and 1; default `None`: the best-fitting one of twelve from 0 to 0.97.
     pub pole: Option<f64>,
-    /// Longest part of a record that is used, samples; default 100 000, beyond which the fit says nothing new.
+    /// Longest part of a record that is used, samples; default 100 000, beyond which the fit changes little.
     pub max_samples: usize,
 }
 
@@ -43,16 +43,16 @@ impl Default for Lagudap {
 
 const NAME: &str = "lagudap";
 
-/// Filters for the shortest search window; as many as are published.
+/// Filters for the shortest search window; the published number.
 const LEAST: usize = 10;
 
 /// Filters beyond the longest delay, for the response itself.
 const BEYOND: usize = 5;
 
-/// Poles that are tried.
+/// Tested poles.
 const POLES: [f64; 12] = [0.0, 0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.94, 0.97];
 
-/// Losses within this factor are alike: less than the step from one pole tried to the next where the series is good.
+/// Losses within this factor are equivalent: the factor is below the step between neighbouring poles where the series is good.
 const ALIKE: f64 = 2.0;
 
 /// Its line in the list of methods.
@@ -91,7 +91,7 @@ impl PairMethod for Lagudap {
         let remedy = LengthRemedy::WindowOr("set a smaller order or a larger max_samples");
         long_enough(NAME, max_delay + 4 * order, got, remedy)?;
         let cut: Vec<Record> = records.iter().map(|r| r.head(self.max_samples)).collect();
-        // A series that outlasts half the record would be fitted to noise.
+        // A series longer than half the record would be fitted to noise.
         let lasts = |a: &f64| order as f64 * (1.0 + a) <= 0.5 * got as f64 * (1.0 - a);
         let poles: Vec<f64> =
             self.pole.map_or_else(|| POLES.into_iter().filter(lasts).collect(), |a| vec![a]);

@@ -1,7 +1,7 @@
-//! The delay whose ARMAX model predicts best.
+//! The delay of the ARMAX model with the best prediction.
 //!
-//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + C(q) e(t). The roots of C lie inside the unit circle, those of A anywhere: y is
-//! predicted one step ahead, never simulated. The answer leaves out leading coefficients of B that the data do not support, as in `arxstruc`.
+//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + C(q) e(t). The roots of C lie inside the unit circle, those of A
+//! anywhere: y is predicted one step ahead, never simulated. The estimate leaves out leading coefficients of B that the data do not support, as in `arxstruc`.
 
 use super::arxstruc::leading_zeros;
 use crate::error::{DelayError, LengthRemedy};
@@ -13,17 +13,17 @@ use deadtime_identify::{Armax, ArmaxFit, MAX_OE_ORDER};
 
 /// Inputs: u, y on one even grid; under feedback u must be what the plant received, not the reference. Output: seconds, positive = y lags u.
 ///
-/// Assumes: a linear plant and noise that an ARMA process of these orders describes; nothing of the stability of the plant, of the loop around it, or of the start.
-/// Resolution and cost: one sample; some ten filter passes for each delay whose long ARX model is not far worse than the best.
-/// Fails when: the orders are too low for plant and noise together (white noise on the output of a plant of n poles needs na = nc = n; noise with poles of its own
-/// needs as many more in na and nb): the residuals are then coloured or follow past inputs, and the note says so. When the only excitation is the loop's own noise
-/// and the controller is so simple that another plant explains the data as well: many delays fit (`flat`, or a wide interval). When the first coefficient of B is
-/// small against the noise, the delay is found late. Delays below the bias are not searched: the plant cannot have them, but a controller that answers within the
-/// sample makes u(t) predict y(t) all but exactly; with a bias of 0 such a loop has no answer.
-/// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2, 7.2, 13.4 (closed loop) and 16.5-16.6 (residual tests); Forssell and Ljung (1999),
-/// "Closed-loop identification revisited", Automatica 35, 1215-1241, doi:10.1016/S0005-1098(99)00022-9; Ljung and Box (1978), doi:10.1093/biomet/65.2.297.
-/// The sources fit one delay; scanning it, the posterior over it and the numerators weighed by evidence are those of `oestruc` and `arxstruc`. How many poles to
-/// give the noise they leave to the user.
+/// Assumes: a linear plant and noise that an ARMA process of these orders describes. The plant may be unstable, in a loop, and in motion at the start.
+/// Resolution and cost: one sample; about ten filter passes for each delay whose long ARX model is not far worse than the best.
+/// Fails when: the orders are too low for plant and noise together: the residuals are then coloured or follow past inputs (reported in a note). White noise on
+/// the output of a plant of n poles needs na = nc = n. Noise with poles of its own needs as many more in na and nb. With the loop's own noise as the only
+/// excitation, and a simple controller, another plant explains the data equally well. Many delays then fit (`flat`, or a wide interval). A first coefficient of
+/// B that is small compared with the noise biases the delay late. Delays below the bias are not searched, because the plant cannot have them. A controller
+/// within the sample would make u(t) predict y(t) almost exactly; with a bias of 0 such a loop has no result.
+/// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2, 7.2, 13.4 (closed loop) and 16.5-16.6 (residual tests). Forssell and Ljung (1999),
+/// "Closed-loop identification revisited", Automatica 35, 1215-1241, doi:10.1016/S0005-1098(99)00022-9. Ljung and Box (1978), doi:10.1093/biomet/65.2.297. The
+/// sources fit one delay; the scan, its posterior and the evidence-weighted numerators are those of `oestruc` and `arxstruc`. The sources leave the number of
+/// noise poles to the user.
 ///
 /// # Example
 /// ```
@@ -49,11 +49,11 @@ use deadtime_identify::{Armax, ArmaxFit, MAX_OE_ORDER};
 pub struct Armaxstruc {
     /// Past outputs; default 3: two poles of the plant and one of the noise.
     pub na: usize,
-    /// Most input coefficients; default 3, for the same reason.
+    /// Largest number of input coefficients; default 3, for the same reason.
     pub nb: usize,
     /// Past errors; default 2: white noise on the output of a plant of two poles.
     pub nc: usize,
-    /// Longest part of a record that is used, samples; default 100 000, beyond which the loss says nothing new.
+    /// Longest part of a record that is used, samples; default 100 000, beyond which the loss changes little.
     pub max_samples: usize,
 }
 
@@ -65,14 +65,14 @@ impl Default for Armaxstruc {
 
 const NAME: &str = "armaxstruc";
 
-/// From this radius on a root of C stands at the edge of what predicts: the loss falls towards it, and that edge is the minimum.
+/// A root of C from this radius on is at the edge of valid predictors. The loss falls towards that edge, which is then the minimum.
 const CIRCLE: f64 = 0.9999;
 
 fn on_circle(fit: &ArmaxFit) -> bool {
     deadtime_identify::largest_pole(&fit.c) >= CIRCLE
 }
 
-/// What a search that stopped early may have left to gain, of N·ln V, before its delay is rejected: a factor e of probability.
+/// Decrease of N·ln V that a search stopped early may have left before its delay is rejected: a factor e of probability.
 const WORTH: f64 = 2.0;
 
 /// Its line in the list of methods.
@@ -136,7 +136,7 @@ impl PairMethod for Armaxstruc {
             return Err(NoDelay::overflow());
         };
         let gain = rows * (without.loss / full[minimum].max(f64::MIN_POSITIVE)).ln();
-        // A pair of roots of A and C may settle on any of N/2 frequencies: these are tries too.
+        // A pair of roots of A and C may converge to any of N/2 frequencies, which adds to the number of tests.
         let tried = max_delay + 1 + if self.na.min(self.nc) >= 2 { scan.rows / 2 } else { 0 };
         seen(posterior::unseen_at(gain, self.nb, tried))?;
         if posterior.is_flat() {
@@ -161,7 +161,7 @@ impl PairMethod for Armaxstruc {
     }
 }
 
-/// The most probable number of coefficients, less one, from the losses of each.
+/// The most probable number of coefficients minus one, from the losses of each.
 fn most_evident(losses: &[f64], rows: f64, power: f64) -> Option<usize> {
     let evidence =
         |m: usize| -rows * losses[m].max(posterior::ROUNDING * power).ln() - (m as f64) * rows.ln();

@@ -1,7 +1,7 @@
-//! The delay whose ARX model predicts best.
+//! The delay of the ARX model with the best prediction.
 //!
-//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + e(t). The answer leaves out leading coefficients of B that the data do not
-//! support; the published minimum is the raw value.
+//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, A(q) y(t) = B(q) u(t − nk) + e(t). The estimate leaves out leading coefficients of B that the data do
+//! not support; the published minimum is the raw value.
 
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
@@ -17,11 +17,10 @@ use deadtime_identify::{ArxScan, JointArx, Record, arx_scan, beside};
 ///
 /// Assumes: noise that an AR(na) filter describes; holds for unstable plants and under feedback, as prediction-error methods do.
 /// Resolution and cost: one sample; O(N·(na + nb + delays)) for all delays together.
-/// Fails when: the input's first coefficient is small against the noise (the delay is then found late); many delays that fit alike show as a wide interval or `flat`.
-/// With nb above 1 the published minimum is often early, because leading coefficients may be zero; the answer weighs numerators of 1 to nb coefficients by their
-/// evidence instead.
-/// Several inputs are fitted together, because the shared part of correlated inputs would leak from one pair into another (no source is followed in
-/// that); `others: apart` looks at each pair alone.
+/// Fails when: the input's first coefficient is small compared with the noise (biased late). Many delays that fit equally well give a wide interval or `flat`.
+/// With nb above 1 the published minimum is often early, because leading coefficients may be zero. The estimate weights numerators of 1 to nb coefficients by
+/// their evidence instead. Several inputs are fitted together, without a published source: the shared part of correlated inputs would leak from one pair into
+/// another. `others: apart` fits each pair alone.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.3 (na 10, nb 5); Ljung (1999), "System Identification", 2nd ed., section 4.2; MATLAB `arxstruc`.
 #[doc = plant_example!(Arxstruc, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -31,19 +30,19 @@ pub struct Arxstruc {
     pub na: usize,
     /// Input coefficients; default 5, as above.
     pub nb: usize,
-    /// What is made of an experiment's other inputs; default nothing: every pair is treated apart.
+    /// The treatment of an experiment's other inputs; default apart: every pair alone.
     pub others: Others,
     /// Longest part of a record that is used where other inputs are regressors, samples; default 100 000.
     pub max_samples: usize,
 }
 
-/// How the inputs other than the one whose delay is asked for enter the model.
+/// The role of the other inputs in the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Others {
-    /// Nothing: what they do is noise, and what they share with the input leaks into its answer.
+    /// None: their effect is noise, and their part correlated with the input biases its estimate.
     Apart,
-    /// They are regressors too, each behind a delay of its own, found by coordinate descent. The answer for one input holds the others' delays at their best values.
+    /// Regressors, each behind a delay of its own, found by coordinate descent. The estimate for one input fixes the others' delays at their best values.
     #[default]
     Regressors,
 }
@@ -109,7 +108,7 @@ impl Arxstruc {
         one_pair(experiment, search, |pair| self.alone(name, pair))
     }
 
-    /// The answers of all inputs for one output, each with the others as regressors.
+    /// The estimates of all inputs for one output, each with the others as regressors.
     fn joint(
         &self,
         name: &'static str,
@@ -124,7 +123,7 @@ impl Arxstruc {
         if lags.scan(0, &[]).rows < rows_needed {
             return Err(self.too_short(name, *max_delay, rows_needed, experiment));
         }
-        // Each input alone first: the descent starts where the pairs' answers are.
+        // Each input alone first: the descent starts at the pairs' estimates.
         let alone: Vec<usize> = (0..pairs.len())
             .map(|input| {
                 let loss = lags.scan(input, &[]).loss;
@@ -143,7 +142,7 @@ impl Arxstruc {
         pairs.iter().enumerate().map(each).collect()
     }
 
-    /// The answer for one input, whatever the others do.
+    /// The estimate for one input, without the others.
     fn alone(&self, name: &'static str, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
         let &PairRecords { records, max_delay, experiment, .. } = pair;
         let scan = arx_scan(records, self.na, self.nb, max_delay);
@@ -179,7 +178,7 @@ impl Arxstruc {
     }
 }
 
-/// What the losses of an ARX scan say of the delay.
+/// The estimate of the delay from the losses of an ARX scan.
 pub(super) fn answer(
     scan: &ArxScan,
     nb: usize,
@@ -206,7 +205,7 @@ pub(super) fn answer(
         .noting(leading_zeros(posterior.best, minimum)))
 }
 
-/// What to say where the smallest loss comes before the most probable delay.
+/// The note where the smallest loss comes before the most probable delay.
 pub(super) fn leading_zeros(best: usize, minimum: usize) -> Option<String> {
     let leading = best.checked_sub(minimum).filter(|&n| n > 0)?;
     Some(format!(

@@ -1,6 +1,6 @@
 //! MATLAB's default estimate of a delay: the best of low-order ARX models over a range of delays.
 //!
-//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, y(t) + a₁y(t − 1) + a₂y(t − 2) = b₁u(t − nk) + b₂u(t − nk − 1) + e(t).
+//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N. The model is y(t) + a₁y(t − 1) + a₂y(t − 2) = b₁u(t − nk) + b₂u(t − nk − 1) + e(t).
 
 use super::arxstruc::Arxstruc;
 use crate::error::DelayError;
@@ -11,14 +11,15 @@ use crate::method::{Basis, Information, Method, PREDICTS, method_line, plant_exa
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
-/// Assumes: a plant of two poles whose noise passes the same poles (equation error); as [`Arxstruc`] for the rest.
+/// Assumes: a plant of two poles whose noise passes the same poles (equation error). Otherwise as [`Arxstruc`].
 /// Resolution and cost: one sample; O(N·(na + nb + delays)) for all delays together.
-/// Fails when: the noise is that of a sensor: two coefficients cannot whiten it, the poles are biased towards a faster plant and the delay comes out late (slow
-/// plants) or anywhere; use [`Arxstruc`] with its ten coefficients then. The published minimum is early by one where the first of the two coefficients is zero: the
-/// answer weighs one and two of them by their evidence, the raw value is the published minimum.
-/// Source: MATLAB, System Identification Toolbox, page `delayest` (na = 2, nb = 2, nkmin = 0, nkmax = nkmin + 20, at most 10 000 models). The page states that ARX models of
-/// different delays are compared. It gives neither the criterion nor the rows, no treatment of feedback, and for several inputs only that all combinations are tried. Here
-/// the criterion is the loss over rows that all delays share, each input on its own, and the range is that of the search (0 to `max_delay`).
+/// Fails when: the noise is that of a sensor: two coefficients cannot whiten it, and the poles are biased towards a faster plant. The delay is then late (slow
+/// plants) or arbitrary; use [`Arxstruc`] with its ten coefficients. The published minimum is early by one sample where the first of the two coefficients is
+/// zero. The estimate weights one and two coefficients by their evidence; the raw value is the published minimum.
+/// Source: MATLAB, System Identification Toolbox, page `delayest` (na = nb = 2, nkmin = 0, nkmax = nkmin + 20, at most 10 000 models). The page states that ARX
+/// models of different delays are compared. The page gives neither the criterion nor the rows, nor the treatment of feedback. For several inputs it says only
+/// that all combinations are tried. Here the criterion is the loss over the rows common to all delays, each input on its own. The range is that of the search
+/// (0 to `max_delay`).
 #[doc = plant_example!(Delayest, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]

@@ -1,6 +1,7 @@
-//! The delay at which the output's increments go with the input.
+//! The delay at which the output's increments correlate most with the input.
 //!
-//! Equation: E(d) = Σ Δy(t)·u(t − d), Δy(t) = y(t) − y(t − 1); τ̂ = Ts·argmax over d of E(d)²/Σ u(t − d)², the same as the least Σ (Δy(t) − b·u(t − d))² over b and d.
+//! Equation: E(d) = Σ Δy(t)·u(t − d), Δy(t) = y(t) − y(t − 1); τ̂ = Ts·argmax over d of E(d)²/Σ u(t − d)². The maximum equals the least Σ (Δy(t) − b·u(t − d))²
+//! over b and d.
 
 use crate::error::LengthRemedy;
 use crate::estimate::DelayEstimate;
@@ -9,34 +10,34 @@ use crate::method::{Condition, Information, Law, Method, method_line, plant_exam
 use crate::posterior;
 use deadtime_identify::{Record, arx_scan};
 
-/// What is made small (or large).
+/// The criterion to minimise or maximise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cost {
-    /// The products of increments of the output with the input: needs no model.
+    /// The products of output increments with the input: needs no model.
     #[default]
     Products,
-    /// The loss of a first-order model with one regressor whose delay varies, y(t) = a·y(t − 1) + b·u(t − d) + e(t).
+    /// The loss of a first-order model with one regressor of variable delay, y(t) = a·y(t − 1) + b·u(t − d) + e(t).
     Regression,
 }
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
-/// Assumes: an input about as white as a random binary signal, and no feedback. The plant's response rises fastest at its first sample, as that of one lag does, and of most
-/// pairs of lags.
+/// Assumes: an input about as white as a random binary signal, and no feedback. The plant's response rises fastest at its first sample, as with one lag, and
+/// with most pairs of lags.
 /// Resolution and cost: one sample; O(N·delays), one product per sample and delay.
-/// Fails when: the response rises faster later on (three lags or more, oscillating plants): the answer is late; or the input is slow: its own correlation smears the
-/// products over as many samples. The interval therefore reaches back over all delays whose products stand out in one run with the largest.
-/// Source: Elnaggar, Dumont and Elshafei (1989), "Recursive estimation for system of unknown delay", 28th IEEE CDC, doi:10.1109/CDC.1989.70485, and their "New method for
-/// delay estimation", 29th IEEE CDC (1990); read through Björklund (2003), LiU-TEK-LIC-2003:60, class 2b, and O'Dwyer's classification of 1999. The papers were not
-/// available, and the descriptions leave three points open: whether increments of the input or the input itself are multiplied; the forgetting of the recursive form; the
-/// treatment of the sign. With increments of a white input the sample before the response has nearly as large a product. Here: the input without its mean, all samples
-/// alike, the largest square. No published uncertainty; the interval is ours.
+/// Fails when: the response rises faster later (three lags or more, oscillating plants): biased late. With a slow input its own correlation smears the products
+/// over equally many samples. The interval therefore reaches back over all delays whose products are significant in one run with the largest.
+/// Source: Elnaggar, Dumont and Elshafei (1989), "Recursive estimation for system of unknown delay", 28th IEEE CDC, doi:10.1109/CDC.1989.70485. Also their "New
+/// method for delay estimation", 29th IEEE CDC (1990). Read through Björklund (2003), LiU-TEK-LIC-2003:60, class 2b, and O'Dwyer's classification of 1999. The
+/// papers were not available, and the descriptions leave three points open. The open points are: input or increments of the input in the products; the
+/// forgetting of the recursive form; the treatment of the sign. With increments of a white input the sample before the response has nearly as large a product.
+/// Here: the input without its mean, equal weights for all samples, the largest square. The sources give no uncertainty; the interval is this program's.
 #[doc = plant_example!(Elnaggar, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Elnaggar {
-    /// What is made small (or large); default the products.
+    /// The criterion; default the products.
     pub cost: Cost,
 }
 
@@ -66,7 +67,7 @@ impl PairMethod for Elnaggar {
         let delays = max_delay + 1;
         pair.at_least(NAME, delays + ROWS, LengthRemedy::Window)?;
         pair.visible()?;
-        // Made twice for `scripts/bench-gate --self-check`, which must find it; no answer changes.
+        // Computed twice for `scripts/bench-gate --self-check`, which must detect it; no result changes.
         #[cfg(deadtime_slowdown)]
         if self.cost == Cost::Products {
             std::hint::black_box(products(std::hint::black_box(records), max_delay));
@@ -95,7 +96,7 @@ impl PairMethod for Elnaggar {
 /// Rows that the longest delay must leave.
 const ROWS: usize = 20;
 
-/// Standard deviations by which a product stands out.
+/// Standard deviations from which a product is significant.
 const STANDS_OUT: f64 = 3.0;
 
 /// Losses and coefficients of every delay.
@@ -109,14 +110,14 @@ struct Scores {
 }
 
 impl Scores {
-    /// The first delay of the run that ends at `best` in which all coefficients stand out with the same sign.
+    /// The first delay of the run that ends at `best` with only significant coefficients of the same sign.
     fn run(&self, best: usize) -> usize {
         let sign = self.ratios[best].signum();
         (0..best).rev().take_while(|&d| sign * self.ratios[d] > STANDS_OUT).last().unwrap_or(best)
     }
 }
 
-/// Σ (Δy(t) − b·u(t − d))² for every d, over the rows that the longest delay has.
+/// Σ (Δy(t) − b·u(t − d))² for every d, over the rows of the longest delay.
 fn products(records: &[Record], max_delay: usize) -> Scores {
     let delays = max_delay + 1;
     let mean = records.iter().flat_map(|r| r.u.iter()).sum::<f64>()
@@ -125,7 +126,7 @@ fn products(records: &[Record], max_delay: usize) -> Scores {
         (vec![0.0; delays], vec![0.0; delays], 0.0, 0.0);
     for record in records {
         let there = |t: usize| record.present.as_ref().is_none_or(|p| p[t]);
-        // Newest first, so that the inputs behind a row stand in the order of the delays.
+        // Newest first, so that the inputs behind a row are in the order of the delays.
         let n = record.len();
         let past: Vec<f64> = record.u[..n].iter().rev().map(|u| u - mean).collect();
         for t in (max_delay.max(1)..n).filter(|&t| there(t) && there(t - 1)) {

@@ -1,26 +1,26 @@
-//! How well each delay explains the data when its poles are not chosen but averaged over, by how plausible they are.
+//! The evidence of each delay, averaged over the poles with their prior instead of maximised.
 //!
-//! Equation: p(nk) ∝ ∫ V(nk, F)^(−N/2)·p(F) dF. The loss of the best F alone says too much for delays whose best poles are odd: a resonance that happens to look
-//! like the noise, say, which of all poles is one in thousands.
+//! Equation: p(nk) ∝ ∫ V(nk, F)^(−N/2)·p(F) dF. The loss of the best F alone overrates delays with unusual poles. A resonance that happens to resemble the
+//! noise is one pole pair in thousands.
 
 use crate::posterior::{log_sum, log_weight};
 use deadtime_identify::{OeFit, OutputError, Record};
 
 /// The shortest time constant of the prior, samples: its pole e^(−1/0.15) is 0.0013.
 const SHORTEST: f64 = 0.15;
-/// The longest: this share of the longest record, which it leaves three more of itself to settle in.
+/// The longest: this share of the longest record, which leaves three time constants to settle.
 const LONGEST: f64 = 0.25;
-/// Probability that is kept for poles of any kind, so that data can insist on negative or undamped ones.
+/// Probability of arbitrary poles, so that data can establish negative or undamped ones.
 const ANY: f64 = 0.05;
 /// Nodes along a time constant or a natural frequency.
 const NODES: usize = 14;
 /// Nodes along a damping ratio.
 const DAMPINGS: usize = 7;
-/// Poles nearer than this count as so near: the density of two poles in terms of F is singular, though integrable, where they meet.
+/// Pole distances below this are raised to it: the density of two poles in terms of F is singular, though integrable, where they meet.
 const NEAR: f64 = 1e-3;
 
-/// The prior of the poles: time constants and natural frequencies of any size alike, log-uniform from [`SHORTEST`] to [`LONGEST`]; two poles
-/// as likely real as a complex pair, its damping ratio uniform.
+/// The prior of the poles. Time constants and natural frequencies are log-uniform from [`SHORTEST`] to [`LONGEST`]. Two poles are real or a complex pair with
+/// equal probability; the damping ratio is uniform.
 struct Prior {
     /// Logarithms of the shortest and longest time constant, samples.
     range: [f64; 2],
@@ -36,7 +36,7 @@ impl Prior {
         self.range[1] - self.range[0]
     }
 
-    /// Denominators spread as the prior is, and the probability of each.
+    /// Denominators distributed as the prior, and the probability of each.
     fn nodes(&self, nf: usize) -> Vec<(Vec<f64>, f64)> {
         let lags: Vec<f64> = (0..NODES)
             .map(|i| (self.range[0] + self.span() * (i as f64 + 0.5) / NODES as f64).exp())
@@ -87,7 +87,7 @@ impl Prior {
             [f1, f2] => {
                 let root = 0.25 * f1 * f1 - f2;
                 let density = if root >= 0.0 {
-                    // Two orders of two poles; |∂F/∂(p, q)| = p − q.
+                    // Both orders of two poles; |∂F/∂(p, q)| = p − q.
                     let (p, q) = (-0.5 * f1 + root.sqrt(), -0.5 * f1 - root.sqrt());
                     of_pole(p) * of_pole(q) / (p - q).max(NEAR)
                 } else {
@@ -107,11 +107,11 @@ impl Prior {
     }
 }
 
-/// The logarithm of the evidence of every delay, but for what all share; `None` for orders that have no prior here (other than one or two poles). Of `samples` the
-/// `independent` ones count.
+/// The logarithm of the evidence of every delay, up to a common constant. `None` for orders without a prior here (other than one or two poles). `independent`
+/// of the `samples` are independent.
 ///
-/// The integral is the larger of two approximations. The sum over the prior's nodes misses a likelihood narrower than their distance; Laplace's
-/// approximation around the best fit misses the mass far from it.
+/// The integral is the larger of two approximations. The sum over nodes misses a likelihood narrower than their distance; Laplace's approximation around the
+/// best fit misses distant mass.
 /// Source: MacKay (2003), "Information Theory, Inference, and Learning Algorithms", chapter 27, for Laplace's method.
 pub(super) fn log_evidence(
     orders: &OutputError,
@@ -130,12 +130,12 @@ pub(super) fn log_evidence(
     let each = |(nk, fit): (usize, &Option<OeFit>)| {
         let Some(fit) = fit else { return f64::NEG_INFINITY };
         let of_node = |(at, weight): (&Vec<f64>, &f64)| {
-            // No node fits better than the best fit, but for rounding.
+            // No node fits better than the best fit, except by rounding.
             let loss = at.get(nk).map_or(f64::NAN, |loss| loss.max(fit.loss));
             log_weight(loss, floor, independent) + weight.ln()
         };
         let sum = log_sum(&losses.iter().zip(&weights).map(of_node).collect::<Vec<f64>>());
-        // Poles that the data do not know at all have all of the prior near the best fit, and none has more.
+        // Poles that the data do not determine have the whole prior mass near the best fit, which is the upper bound.
         let covariance = orders
             .covariance(records, nk, &fit.f)
             .map(|c| c.view((orders.nb, orders.nb), (orders.nf, orders.nf)).into_owned());
@@ -157,7 +157,7 @@ mod tests {
         Prior { range: [SHORTEST.ln(), 100.0_f64.ln()] }
     }
 
-    /// The density and the nodes are one prior: over all stable F the density holds a probability of 1, half of it for real poles.
+    /// Density and nodes are one prior: over all stable F the density integrates to 1, half of it for real poles.
     #[test]
     fn the_density_is_that_of_the_nodes() {
         let steps = 3000;
@@ -177,7 +177,8 @@ mod tests {
                 }
             }
         }
-        // Of the triangle, and so of the share for any poles, a third is real. Frequencies above the Nyquist one are no sampled poles: the pairs lack 3 %.
+        // A third of the triangle, and so of the share for arbitrary poles, is real. Frequencies above the Nyquist one are no sampled poles: the pairs lack 3
+        // %.
         assert!(
             (real - 0.5 * (1.0 - ANY) - ANY / 3.0).abs() < 0.04
                 && (complex - 0.5 * (1.0 - ANY) - 2.0 * ANY / 3.0).abs() < 0.05,

@@ -1,7 +1,7 @@
-//! The delay whose model by refined instrumental variables leaves the smallest innovations.
+//! The delay of the refined instrumental-variable model with the smallest innovations.
 //!
-//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ(D v)²/N, v = y − B(q)/F(q) u(t − nk), D an autoregression that whitens v; F and B solve
-//! Σ ζ(y_f − φᵀθ) = 0 with φ = (−y_f(t − 1) …, u_f(t − nk) …), ζ the same of the simulated output, all filtered by D/F.
+//! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ(D v)²/N, v = y − B(q)/F(q) u(t − nk). D is an autoregression that whitens v. F and B solve Σ ζ(y_f − φᵀθ) =
+//! 0 with φ = (−y_f(t − 1) …, u_f(t − nk) …). ζ is the same of the simulated output; all signals are filtered by D/F.
 
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
@@ -13,14 +13,14 @@ use deadtime_identify::{MAX_OE_ORDER, RefinedIv};
 /// Inputs: u, y on one even grid, without missing samples. Output: seconds, positive = y lags u.
 ///
 /// Assumes: a stable plant in open loop that rests at the start; noise of any colour that an autoregression describes, independent of the input.
-/// Resolution and cost: one sample; some ten rounds of ten filter passes per delay.
-/// Fails when: noise and input are correlated, as under feedback (biased: the simulated output is then no instrument); the plant is unstable (its mirrored poles
-/// do not settle: `not_converged`); B/F has too few coefficients for a fast input.
-/// MATLAB's `ivstruc` solves once per delay with fixed instruments, a high-order ARX model's simulation, and compares simulation errors; they are not minimised by
-/// that solution, and coloured noise makes them poor evidence. Here each delay has its own refined solution, and errors are whitened before they are compared.
-/// Source: Young (2011), "Recursive Estimation and Time-Series Analysis", 2nd ed., chapter 7, doi:10.1007/978-3-642-21981-8; Ljung (1999), "System
-/// Identification", 2nd ed., section 7.6; MATLAB `ivstruc`. They leave open what to do with a round that is unstable (mirrored here) or does not settle (here the round
-/// with the smallest loss is taken). They also leave open how to choose the noise's order.
+/// Resolution and cost: one sample; about ten rounds of ten filter passes per delay.
+/// Fails when: noise and input are correlated, as under feedback (biased: the simulated output is then no instrument). The mirrored poles of an unstable plant
+/// do not converge (`not_converged`). B/F may have too few coefficients for a fast input. MATLAB's `ivstruc` solves once per delay with fixed instruments, a
+/// high-order ARX model's simulation, and compares simulation errors. The instrumental-variable solution does not minimise these errors, and coloured noise
+/// makes them poor evidence. Here each delay has its own refined solution, and errors are whitened before they are compared.
+/// Source: Young (2011), "Recursive Estimation and Time-Series Analysis", 2nd ed., chapter 7, doi:10.1007/978-3-642-21981-8. Ljung (1999), "System
+/// Identification", 2nd ed., section 7.6. MATLAB `ivstruc`. The sources do not treat unstable rounds (mirrored here) or rounds that do not converge (here the
+/// round with the smallest loss is used). The noise order is open, too.
 #[doc = plant_example!(Ivstruc, 300, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -29,7 +29,7 @@ pub struct Ivstruc {
     pub nb: usize,
     /// Poles of the plant; default 2, as for `oestruc`.
     pub nf: usize,
-    /// Poles of the noise; default 4, which also whitens what two poles of the plant leave.
+    /// Poles of the noise; default 4, which also whitens the residual of two plant poles.
     pub noise: usize,
     /// Longest part of a record that is used, samples; default 20 000: every round filters every signal anew.
     pub max_samples: usize,
@@ -97,19 +97,19 @@ impl PairMethod for Ivstruc {
         let best = posterior.best;
         let delays = pair.max_delay + 1;
         let gain = rows * (without / losses[best].max(f64::MIN_POSITIVE)).ln();
-        // A pole pair may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
+        // A pole pair may converge to any of N/2 frequencies, where the delay is only a phase; this adds to the number of tests.
         let tried = delays + if self.nf >= 2 { (rows / 2.0) as usize } else { 0 };
         seen(posterior::unseen_at(gain, parameters, tried))?;
-        // A noise model of few poles takes what is slow or comes in jumps for a response: the ARX model's many must see the input too.
+        // A noise model of few poles takes slow or jumping noise for a response. The many poles of the ARX model must detect the input, too.
         let exact = losses[best] <= posterior::ROUNDING * power;
         if !exact {
             pair.with(&records).visible()?;
         }
-        // Its noise model explains what no delay of the window does, and the losses then nearly agree: half of the delays is enough to be called flat.
+        // The noise model explains data that no delay of the window explains, and the losses then nearly agree. Half of the delays is enough for `flat`.
         if posterior.set > delays / 2 || posterior.ties > 1 {
             return Err(NoDelay::flat(posterior.set.max(posterior.ties), delays));
         }
-        // A loss that is zero but for rounding changes with rounding from round to round.
+        // A loss at rounding level changes with rounding between rounds.
         if let Some(fit) = fits[best].as_ref().filter(|f| !f.converged && !exact) {
             let note = format!(
                 "the rounds did not settle at nk = {best}, poles at |z| up to {:.4}: an unstable plant, feedback, or too small a model",

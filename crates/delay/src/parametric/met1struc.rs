@@ -1,7 +1,7 @@
-//! The delay whose ARX model predicts best once the noise filter of a subspace model has made the noise white.
+//! The delay of the ARX model with the best prediction after a subspace model's noise filter has whitened the noise.
 //!
-//! Equation: C(q) = det(I − (A − KC)q⁻¹) of a state-space model in innovations form; τ̂ = Ts·argmin over nk of V(nk), A(q) y_F = B(q) u_F(t − nk) + e with
-//! y_F = y/C, u_F = u/C.
+//! Equation: C(q) = det(I − (A − KC)q⁻¹) of a state-space model in innovations form. τ̂ = Ts·argmin over nk of V(nk), A(q) y_F = B(q) u_F(t − nk) + e, y_F =
+//! y/C, u_F = u/C.
 
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Outcome};
@@ -12,31 +12,31 @@ use deadtime_identify::{MAX_OE_ORDER, Record, Subspace, arx_scan, prefiltered};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
-/// Assumes: a linear plant and noise that a state-space model of the given order describes; holds for unstable plants and under feedback, where u is what the
-/// plant received.
+/// Assumes: a linear plant and noise that a state-space model of the given order describes. The plant may be unstable and under feedback, if u is the received
+/// plant input.
 /// Resolution and cost: one sample; one triangular factor of the lagged data, O(N·past), and an ARX scan.
-/// Fails when: the record is too short for the long predictor behind the subspace model; the input's first coefficient is small against the noise (found late);
-/// the order is too low for the plant: nb = 1 leaves its zeros to the poles, and an all-pole model of order 10 can absorb some samples of delay on slow inputs. The
-/// answer is then off by samples, outside its interval. Examples: 3 samples on the roll rate of the demo's flight, a plant of three poles and two zeros; 4 on
-/// 1 000 000 samples of one lag without the limit `max_samples`.
-/// Björklund's subspace model (`n4sid`) has the delay among its states. Here the input is first moved by the delay of an ARX scan, so that all states
-/// describe the dynamics. The predictor form is used, which feedback does not bias. States that the data do not support are left out, because on short records
-/// their poles and zeros make the noise filter ring. The long predictor's window is ours too.
-/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.5 (order 10, then ARX(10, 1): as good as `oestruc` at a fraction of its time); for the model
-/// Chiuso (2007), doi:10.1016/j.automatica.2006.12.005. The source does not give the initial states of the filters: they start at rest.
+/// Fails when: the record is too short for the long predictor behind the subspace model. A first input coefficient that is small compared with the noise biases
+/// the delay late. With too low an order (nb = 1) the poles represent the zeros. An all-pole model of order 10 can absorb some samples of delay on slow inputs.
+/// The estimate is then off by samples, outside its interval. Examples: 3 samples on the roll rate of the demo's flight, a plant of three poles and two zeros.
+/// Another: 4 samples on 1 000 000 samples of one lag without the limit `max_samples`. Björklund's subspace model (`n4sid`) includes the delay in its states.
+/// Here the input is first shifted by the delay of an ARX scan, so that all states describe the dynamics. The predictor form is used, which feedback does not
+/// bias. States that the data do not support are removed: on short records their poles and zeros make the noise filter ring. The long predictor's window is
+/// also this program's choice.
+/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.5 (order 10, then ARX(10, 1): as good as `oestruc` at a fraction of its time). For the model Chiuso
+/// (2007), doi:10.1016/j.automatica.2006.12.005. The source does not give the initial states of the filters; they start at rest here.
 #[doc = plant_example!(Met1struc, 400, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Met1struc {
-    /// Most states of the subspace model, of which Schwarz's criterion takes as many as the data ask for; default 10, which is what the source always has.
+    /// Largest number of states of the subspace model; Schwarz's criterion selects the order. Default 10, which the source always uses.
     pub order: usize,
-    /// Samples of the past that its predictor sees; default 20, twice the order.
+    /// Past samples in its predictor; default 20, twice the order.
     pub past: usize,
     /// Past outputs of the scanned model; default 10, as in the source.
     pub na: usize,
     /// Its input coefficients; default 1, as in the source.
     pub nb: usize,
-    /// Longest part of a record that is used, samples; default 20 000, beyond which what the noise filter misses says more than the noise.
+    /// Longest part of a record that is used, samples; default 20 000, beyond which the noise filter's own error exceeds the noise.
     pub max_samples: usize,
 }
 
@@ -93,7 +93,7 @@ impl PairMethod for Met1struc {
         long_enough(NAME, needed, got, LengthRemedy::WindowOr("set a shorter past"))?;
         let cut = pair.with(&records);
         cut.measured_throughout("missing output samples: the noise filter needs every one")?;
-        // The filter has seen the input: on noise it flatters the scan behind it.
+        // The filter is fitted to the input: on noise alone it biases the subsequent scan.
         cut.visible()?;
         let rough = arx_scan(&records, self.na, self.nb, max_delay);
         let first = posterior::smallest(&rough.loss);
@@ -102,7 +102,7 @@ impl PairMethod for Met1struc {
             .map(|r| Record::new(r.u[..r.len() - lead].to_vec(), r.y[lead..r.len()].to_vec()))
             .collect();
         let model = Subspace { direct: first == Some(0), ..subspace }.fit(&moved);
-        // Rounding has no colour worth whitening.
+        // Rounding needs no whitening.
         let exact = |loss: f64| loss <= posterior::ROUNDING * rough.power;
         let noise =
             model.and_then(|m| if exact(m.loss) { Some(Vec::new()) } else { m.noise_polynomial() });

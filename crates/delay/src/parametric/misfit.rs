@@ -1,13 +1,13 @@
-//! Whether the residuals of a parametric model contradict it.
+//! Tests whether the residuals of a parametric model contradict it.
 
-/// Lags at which residuals are looked at.
+/// Lags of the residual tests.
 pub(super) const LAGS: usize = 20;
 
 /// Residuals of a stretch, and its input.
 pub(super) type ResidualStretch = (Vec<f64>, Vec<f64>);
 
-/// What residuals show that a right model would not: that they are coloured (Ljung-Box), or that they follow inputs from lag `after` on that the model has not
-/// used; each at the 1 % level. Residuals and inputs come stretch by stretch.
+/// Residual tests of a model, each at the 1 % level. Residuals may be coloured (Ljung-Box), or correlated with inputs from lag `after` on that the model has
+/// not used. Residuals and inputs are given by stretch.
 ///
 /// Source: Ljung and Box (1978), Biometrika 65(2), 297-303, doi:10.1093/biomet/65.2.297; Ljung (1999), "System Identification", 2nd ed., section 16.6.
 pub(super) fn misfit(
@@ -39,7 +39,7 @@ pub(super) fn misfit(
     if beyond(coloured, LAGS.saturating_sub(parameters)) {
         notes.push("the residuals are coloured");
     }
-    // The residuals being white, each correlation has the variance 1/rows whatever the input's colour; the largest of the lags is judged.
+    // For white residuals each correlation has the variance 1/rows, for any colour of the input; the largest of the lags is tested.
     let largest = (after..after + LAGS)
         .map(|k| real(rows) * (sum(|s| &s.1, k)).powi(2) / (power * input))
         .fold(0.0, f64::max);

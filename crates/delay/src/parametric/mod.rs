@@ -1,4 +1,4 @@
-//! Sampled models of low order, the delay a parameter of theirs.
+//! Sampled models of low order with the delay as a parameter.
 
 pub(super) mod armaxstruc;
 pub(super) mod arxstruc;

@@ -1,7 +1,7 @@
-//! The delay as output-error models of all poles know it: all delays, each by its probability.
+//! The posterior of the delay from output-error models, averaged over their poles.
 //!
-//! Equation: p(nk) ∝ ∫ V(nk, F)^(−N/2)·p(F) dF, τ̂ = Ts·Σ nk·p(nk). V are the losses of [`super::oestruc::Oestruc`] with poles F, averaged over F by their probability;
-//! N is the number of independent residuals.
+//! Equation: p(nk) ∝ ∫ V(nk, F)^(−N/2)·p(F) dF, τ̂ = Ts·Σ nk·p(nk). V are the losses of [`super::oestruc::Oestruc`] with poles F, averaged over F by their
+//! probability; N is the number of independent residuals.
 
 use super::oestruc::Oestruc;
 use super::profile::{OeScan, Profile, Weighing, check};
@@ -14,7 +14,7 @@ use crate::method::{
 use crate::posterior::RESOLUTION;
 use deadtime_identify::{Initial, OutputError};
 
-/// What is read off the posterior.
+/// The statistic of the posterior that gives the estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Center {
@@ -23,20 +23,21 @@ pub enum Center {
     Mean,
     /// The median, a whole number of samples: the smallest mean error.
     Median,
-    /// The most probable delay: the one most often right.
+    /// The most probable delay: the highest probability of an exact estimate.
     Mode,
 }
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u; the raw value is the most probable delay.
 ///
-/// Assumes: as [`super::oestruc::Oestruc`], and a dead time that was drawn uniformly from the search window. That is the prior, which dominates where the data carry
-/// little information. Coloured noise is allowed for by counting only the independent residuals.
-/// Resolution and cost: fractions of a sample where two delays are about as probable, else one sample; as [`super::oestruc::Oestruc`].
-/// Fails when: the window is far wider than the prior knowledge of the delay: far delays with a small probability each pull the mean towards the middle of the window. A
-/// note says so where they move it by more than half a sample; all delays about equally probable is `flat`. For the rest as [`super::oestruc::Oestruc`].
-/// Source: the likelihood of Gaussian noise of unknown variance, read as a posterior with a flat prior on the delay; Björklund (2003), LiU-TEK-LIC-2003:60, section
-/// 6.4, for the models and losses. No source weighs them so. Prior: one or two poles, real and complex pairs alike probable; time constants from 0.15 samples to 25 % of the
-/// record and natural frequencies, both log-uniform; 5 % kept for any others. For other orders the best poles represent all.
+/// Assumes: as [`super::oestruc::Oestruc`], and a dead time with a uniform prior over the search window. The prior dominates where the data carry little
+/// information. Coloured noise reduces the number of independent residuals.
+/// Resolution and cost: fractions of a sample where two delays are about equally probable, else one sample; otherwise as [`super::oestruc::Oestruc`].
+/// Fails when: the window is far wider than the prior knowledge of the delay. Distant delays of small probability then pull the mean towards the middle of the
+/// window. A note reports a shift of the mean by more than half a sample; nearly uniform probabilities give `flat`. Otherwise as [`super::oestruc::Oestruc`].
+/// Source: the posterior with the likelihood of Gaussian noise of unknown variance and a flat prior on the delay. Björklund (2003), LiU-TEK-LIC-2003:60,
+/// section 6.4, for the models and losses. No source averages in this way. Prior: one or two poles, real and complex pairs equally probable. Time constants
+/// from 0.15 samples to 25 % of the record and natural frequencies are log-uniform; 5 % is left for any other poles. For other orders the best poles represent
+/// all.
 #[doc = plant_example!(OePosterior, 300, 0.8, 1e-9)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -45,7 +46,7 @@ pub struct OePosterior {
     pub nb: usize,
     /// Poles; default 2, as [`Oestruc`].
     pub nf: usize,
-    /// The start of a record; default at rest.
+    /// The initial state of a record; default at rest.
     pub initial: Initial,
     /// Mean, median or mode; default the mean.
     pub center: Center,
@@ -67,7 +68,7 @@ pub(crate) const METHOD: Method = Method {
     start: Start::Rest,
     information: Information::Poles(2),
     basis: Basis::OutputError,
-    // Of the mean of two neighbours of which the second has a probability of 5 %, the most that a 95 % set leaves out.
+    // A set of 95 % may leave out a neighbour of probability 5 %, which moves the mean by 0.05 samples.
     tolerance: 0.05,
     withstands: &[Condition::ColouredNoise, Condition::Dynamics, Condition::MissingOutputs],
     needs: "as `oestruc`, and a search window no wider than the prior of the delay",
@@ -103,7 +104,7 @@ impl PairMethod for OePosterior {
         let [from, to] = posterior.ends;
         let [early, late] = posterior.first_coefficient(pair.bias);
         let leans = leans(weights, posterior.ends, pair.max_delay);
-        // One delay alone has no spread to tell of.
+        // A set of one delay has no spread.
         let spread = (to > from).then(|| {
             format!(
                 "samples from the shortest delay searched: mean {:.2}, median {:.0}, 95 % set {from:.0} to {to:.0}",
@@ -129,7 +130,7 @@ impl OePosterior {
     }
 }
 
-/// What to say where delays that the data all but exclude move the mean.
+/// The note where nearly excluded delays move the mean.
 fn leans(weights: &[f64], [from, to]: [f64; 2], max_delay: usize) -> Option<String> {
     let pulled = mean(weights, |_| true) - mean(weights, |nk| (from..=to).contains(&(nk as f64)));
     (pulled.abs() > 0.5).then(|| {
@@ -137,7 +138,7 @@ fn leans(weights: &[f64], [from, to]: [f64; 2], max_delay: usize) -> Option<Stri
     })
 }
 
-/// The mean over the delays that `counts` lets in.
+/// The mean over the delays that `counts` accepts.
 fn mean(weights: &[f64], counts: impl Fn(usize) -> bool) -> f64 {
     let (mut sum, mut total) = (0.0, 0.0);
     for (nk, w) in weights.iter().enumerate().filter(|(nk, _)| counts(*nk)) {

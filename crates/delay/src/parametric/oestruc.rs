@@ -1,4 +1,4 @@
-//! The delay whose output-error model simulates best.
+//! The delay of the output-error model with the best simulation.
 //!
 //! Equation: τ̂ = Ts·argmin over nk of V(nk), V = Σ e²/N, y(t) = B(q)/F(q) u(t − nk) + e(t).
 
@@ -12,10 +12,10 @@ use deadtime_identify::{Initial, OeFit, OutputError};
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
-/// Assumes: a stable plant in open loop, noise that is not correlated with the input, a record that starts at rest (or `initial: estimated`).
-/// Resolution and cost: one sample; some hundred filter passes over the record per delay.
-/// Fails when: the plant is unstable (the predictor is kept stable, so the best one ends at the edge of stability: `not_converged`), the input is an impulse and
-/// the start is estimated (many delays fit exactly: `flat`), or under feedback (biased).
+/// Assumes: a stable plant in open loop, noise uncorrelated with the input, a record that starts at rest (or `initial: estimated`).
+/// Resolution and cost: one sample; about 100 filter passes over the record per delay.
+/// Fails when: the plant is unstable: the predictor is kept stable, so the best one ends at the edge of stability (`not_converged`). With an impulse input and
+/// an estimated initial state, many delays fit exactly (`flat`). Feedback biases the estimate.
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.4 (nb 1, nf 2, no prewhitening: the best of his comparison); MATLAB `oe`.
 #[doc = plant_example!(Oestruc, 300, 0.8, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -25,11 +25,11 @@ pub struct Oestruc {
     pub nb: usize,
     /// Poles; default 2.
     pub nf: usize,
-    /// The start of a record; default at rest.
+    /// The initial state of a record; default at rest.
     pub initial: Initial,
-    /// Longest part of a record that is used, samples; default 100 000, beyond which the loss says nothing new.
+    /// Longest part of a record that is used, samples; default 100 000, beyond which the loss changes little.
     pub max_samples: usize,
-    /// As published: the delay of the smallest loss in the window as it is given, whatever the data say of it; default no. For comparison only.
+    /// As published: the delay of the smallest loss in the given window, without any test; default no. For comparison only.
     pub always_answers: bool,
 }
 
@@ -71,7 +71,7 @@ impl PairMethod for Oestruc {
             }
             Err(none) => return Err(none),
         };
-        // The published rule does not ask whether the search for that delay's model came to an end.
+        // The published rule does not test whether the search for that delay's model converged.
         let best = Some(&fits)
             .filter(|_| self.always_answers)
             .and_then(|f| smallest(f))
@@ -87,13 +87,13 @@ impl Oestruc {
         OutputError { nb: self.nb, nf: self.nf, initial: self.initial }
     }
 
-    /// The delay of the smallest loss in place of an answer without one; where there is no finite loss, that answer.
+    /// The delay of the smallest loss instead of an estimate without one; without a finite loss, the latter.
     fn anyway(&self, answer: DelayEstimate, pair: &PairRecords) -> DelayEstimate {
         let records = shortened(pair.records, self.max_samples).0;
         let fits = pair.scans.fits(&self.orders(), &records, pair.max_delay, pair.stop);
         let Some(best) = smallest(&fits) else { return answer };
         let (raw, window) = (best as f64, pair.max_delay as f64);
-        // Nothing speaks for it: as uncertain as a delay anywhere in the window.
+        // No evidence supports it: the uncertainty is that of a uniform delay over the window.
         let std = window * posterior::RESOLUTION.sqrt();
         pair.counted_at(raw, std, [0.0, window], false).noting(answer.note)
     }

@@ -1,4 +1,4 @@
-//! What the losses of an output-error scan say, for every method that reads its delay from one.
+//! Evaluation of the losses of an output-error scan, for every method based on one.
 
 use super::evidence::log_evidence;
 use crate::error::{DelayError, LengthRemedy};
@@ -9,26 +9,26 @@ use crate::posterior::Posterior;
 use deadtime_identify::{Initial, MAX_OE_ORDER, OeFit, OutputError, Record, largest_pole, power};
 use deadtime_signal::fit::Stopped;
 
-/// An output-error scan against which nothing speaks.
+/// An output-error scan that passed all tests.
 pub(super) struct Profile<'a> {
     /// The model of every delay.
     pub(super) fits: Vec<Option<OeFit>>,
-    /// What their losses say.
+    /// The posterior from their losses.
     pub(super) posterior: Posterior,
-    /// Measured samples for each independent one among the residuals of the best model.
+    /// Measured samples per independent residual of the best model.
     pub(super) per_independent: f64,
-    /// The records as far as they were used.
+    /// The part of the records that was used.
     pub(super) records: Vec<Record<'a>>,
-    /// What a reader must know.
+    /// A note for the reader.
     pub(super) note: Option<String>,
 }
 
-/// What makes a delay probable.
+/// The evidence of a delay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Weighing {
     /// The loss of its best model.
     Best,
-    /// The losses of all models, by how plausible their poles are; of orders without a prior the best one's.
+    /// The losses of all models, averaged over the prior of their poles; for orders without a prior the best one's.
     Average,
 }
 
@@ -46,7 +46,7 @@ pub(super) fn check(
     options(name, rows)
 }
 
-/// The records as far as `max_samples` reach, and the note that says so.
+/// The records shortened to `max_samples`, and the note that says so.
 pub(super) fn shortened<'a>(
     records: &'a [Record<'_>],
     max_samples: usize,
@@ -65,14 +65,14 @@ pub(super) fn model(records: &[Record], residuals: &[f64]) -> Vec<f64> {
     measured.zip(residuals).map(|(y, e)| y - e).collect()
 }
 
-/// Noise of which so many samples say no more than one is slow.
+/// Noise counts as slow from this many samples per independent one.
 const SLOW: f64 = 4.0;
 
 /// An output-error scan over all delays.
 pub(super) struct OeScan {
-    /// The method that asks for it.
+    /// The calling method.
     pub(super) name: &'static str,
-    /// Orders and start of the models.
+    /// Orders and initial state of the models.
     pub(super) orders: OutputError,
     /// Longest part of a record that is used, samples.
     pub(super) max_samples: usize,
@@ -81,15 +81,14 @@ pub(super) struct OeScan {
 /// The residual of the output under the model of the smallest loss.
 struct Remainder {
     residuals: Vec<f64>,
-    /// It is rounding.
+    /// The residual is rounding.
     exact: bool,
     /// Independent samples among the residuals.
     independent: f64,
 }
 
 impl OeScan {
-    /// The scan, or the answer that takes its place: nothing moves, nothing is seen, many delays
-    /// fit alike, no minimum.
+    /// The scan, or the outcome in its place: constant signals, no visible response, many equal delays, no minimum.
     pub(super) fn profile<'a>(
         &self,
         pair: &PairRecords<'a>,
@@ -118,7 +117,8 @@ impl OeScan {
         let posterior = posterior.ok_or_else(NoDelay::overflow)?;
         let gain = (power / losses[posterior.best].max(f64::MIN_POSITIVE)).ln();
         self.seen(&pair.with(&records), &remainder, gain)?;
-        // An output-error model that fits exactly does so for as many delays as it has numerator coefficients; more mean that the data do not tell them apart.
+        // An exactly fitting output-error model does so for as many delays as it has numerator coefficients. More such delays mean that the data do not
+        // distinguish them.
         if posterior.is_flat() || posterior.ties > orders.nb {
             return Err(NoDelay::flat(posterior.set.max(posterior.ties), pair.max_delay + 1));
         }
@@ -127,7 +127,7 @@ impl OeScan {
         Ok(Profile { fits, posterior, per_independent: samples / independent, records, note })
     }
 
-    /// What the model of the smallest loss leaves.
+    /// The residual of the model with the smallest loss.
     fn remainder(
         &self,
         records: &[Record],
@@ -144,15 +144,14 @@ impl OeScan {
             .as_ref()
             .and_then(|fit| self.orders.residuals(records, at, &fit.f))
             .unwrap_or_default();
-        // Residuals of rounding size are correlated as rounding happens to be, which says nothing of how much the data know.
+        // Residuals of rounding size have arbitrary correlations, without information on the delay.
         let exact = losses[at] <= floor;
         let independent =
             if exact { residuals.len() as f64 } else { posterior::effective_samples(&residuals) };
         Ok(Remainder { residuals, exact, independent })
     }
 
-    /// The output visibly follows the input: the best model takes so much, `gain`, off the
-    /// logarithm of its power.
+    /// Tests that the output visibly follows the input: the best model lowers the logarithm of its power by `gain`.
     fn seen(&self, pair: &PairRecords, remainder: &Remainder, gain: f64) -> Result<(), NoDelay> {
         let Remainder { residuals, exact, independent } = remainder;
         let orders = &self.orders;
@@ -163,7 +162,7 @@ impl OeScan {
         };
         let gain = counting * gain;
         let start = if orders.initial == Initial::Estimated { orders.nf } else { 0 };
-        // A pole pair may settle on any band: of N/2 narrow ones, of half as many that are twice as wide, and so on, N in all. These are tries too.
+        // A pole pair may converge to any band: N/2 narrow ones, half as many of twice the width, and so on, N in all. The bands add to the number of tests.
         let tried = pair.max_delay + 1 + if orders.nf >= 2 { counting as usize } else { 0 };
         if gain < posterior::visible_gain(orders.nb + orders.nf + start, tried) {
             let note = format!(
@@ -171,7 +170,7 @@ impl OeScan {
             );
             return Err(NoDelay::new(Outcome::NotVisible, note));
         }
-        // Under noise as slow as this two things that have nothing to do with each other drift alike: the whitened view of an ARX model must see the input too.
+        // Under such slow noise two unrelated signals drift together. The whitened test of an ARX model must detect the input, too.
         let complete = pair.records.iter().all(|r| r.present.is_none());
         if complete && !exact && SLOW * independent < residuals.len() as f64 {
             pair.visible()?;
@@ -180,10 +179,9 @@ impl OeScan {
     }
 }
 
-/// The most probable delay of the set whose model is at a minimum: a search that ends at the edge
-/// of stability leaves no model.
+/// The most probable delay of the set whose model is at a minimum; a search that ends at the edge of stability gives no model.
 fn settled(fits: &[Option<OeFit>], posterior: &Posterior, floor: f64) -> Result<usize, NoDelay> {
-    // One that leaves nothing but rounding has nothing left to find.
+    // A residual of rounding size counts as converged.
     let converged = |nk: &usize| {
         fits[*nk].as_ref().is_some_and(|fit| fit.stopped.converged() || fit.loss <= floor)
     };

@@ -1,6 +1,6 @@
-//! The fraction of a sample that the zero of a sampled first-order plant tells.
+//! The fraction of a sample from the zero of a sampled first-order plant.
 //!
-//! Equation: y = (b₁ + b₂q⁻¹)/(1 − p·q⁻¹) u(t − nk), z₀ = −b₂/b₁, β = −ln(p)/Ts, L = β⁻¹·ln((1 − z₀/p)/(1 − z₀)), τ̂ = Ts·nk + L.
+//! Equation: y = (b₁ + b₂q⁻¹)/(1 − p·q⁻¹) u(t − nk), z₀ = −b₂/b₁, β = −ln(p)/Ts. L = β⁻¹·ln((1 − z₀/p)/(1 − z₀)), τ̂ = Ts·nk + L.
 
 use nalgebra::DVector;
 
@@ -18,13 +18,13 @@ use deadtime_signal::stats::NORMAL_95;
 /// Inputs: u, y on one even grid, u held between samples. Output: seconds, positive = y lags u, a fraction of a sample included.
 ///
 /// Assumes: one lag and a dead time behind a zero-order hold, open loop, a record that starts at rest (or `initial: estimated`).
-/// Resolution and cost: a fraction of a sample, with a standard deviation by the delta method; one output-error scan (nb 2, nf 1) and a logarithm.
-/// Fails when: the plant has more lags (they count as delay, and the zero may be none that one lag can have: a note says so); the lag is shorter than a sample or so, where
-/// no fraction shows (the answer is then the whole delay, the interval the whole sample); the input is not held (a ramp between samples moves the zero). For the rest as
+/// Resolution and cost: a fraction of a sample, with a standard deviation by the delta method; one output-error scan (nb 2, nf 1).
+/// Fails when: the plant has more lags: they add to the delay, and a note reports a zero that one lag cannot have. A lag shorter than about a sample reveals no
+/// fraction: the estimate is the whole delay, the interval the whole sample. An input that ramps between samples moves the zero. Otherwise as
 /// [`super::oestruc::Oestruc`].
-/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, p. 57, for the formula. The source gives no uncertainty, and does not say what to do with a zero that no dead time within
-/// a sample can have; here it is taken to the nearest end of the sample. Which whole delay comes first is not said either: here that of the smallest loss, or of those as
-/// good, one whose zero is possible.
+/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, p. 57, for the formula. The source gives no uncertainty, and no rule for a zero that no dead time within a
+/// sample can have. Here it is moved to the nearest end of the sample. The whole delay is also left open: here it has the smallest loss, or an equivalent loss
+/// and a possible zero.
 ///
 /// # Example
 /// ```
@@ -48,9 +48,9 @@ use deadtime_signal::stats::NORMAL_95;
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SamplingZero {
-    /// The start of a record; default at rest.
+    /// The initial state of a record; default at rest.
     pub initial: Initial,
-    /// Longest part of a record that is used, samples; default 100 000, beyond which the loss says nothing new.
+    /// Longest part of a record that is used, samples; default 100 000, beyond which the loss changes little.
     pub max_samples: usize,
 }
 
@@ -118,13 +118,13 @@ struct ZeroReading {
     note: Option<String>,
 }
 
-/// A delay among those that fit about as well as the best, and what its zero says.
+/// A delay with a fit near the best, and the reading of its zero.
 struct Fraction {
     nk: usize,
     weight: f64,
-    /// The fraction that the formula gives, and its standard deviation; `None` where the zero shows none.
+    /// The fraction by the formula, and its standard deviation; `None` where the zero determines none.
     fraction: Option<(f64, f64)>,
-    /// The first coefficient stands out.
+    /// The first coefficient is significant.
     begins: bool,
 }
 
@@ -133,7 +133,7 @@ impl Fraction {
         let (&[b1, b2], &[f1]) = (fit.b.as_slice(), fit.f.as_slice()) else { return None };
         let covariance = orders.covariance(&profile.records, nk, &fit.f)? * profile.per_independent;
         let at = [b1, b2, -f1];
-        // Half a millionth of each parameter: far above rounding, far below what bends the formula.
+        // Relative step of 5e-7: far above rounding, far below the formula's nonlinearity.
         let slope = |i: usize| {
             let size = if i == 2 { 1.0 } else { b1.abs() + b2.abs() };
             let step = 5e-7 * at[i].abs().max(1e-3 * size);
@@ -149,7 +149,7 @@ impl Fraction {
             let slopes = DVector::from_vec((0..3).map(slope).collect::<Option<Vec<f64>>>()?);
             let variance = (&covariance * &slopes).dot(&slopes);
             let value = fraction(at)?;
-            // A fraction that is less certain than "somewhere in the sample" is none.
+            // A fraction less certain than a uniform one within the sample is dropped.
             (value.is_finite() && (0.0..posterior::RESOLUTION).contains(&variance))
                 .then(|| (value, variance.sqrt()))
         };
@@ -161,7 +161,7 @@ impl Fraction {
         })
     }
 
-    /// How far the fraction lies outside of the sample.
+    /// The distance of the fraction from the sample.
     fn outside(&self) -> Option<f64> {
         self.fraction.map(|(l, _)| (-l).max(l - 1.0).max(0.0))
     }
@@ -171,13 +171,13 @@ impl Fraction {
     }
 }
 
-/// L/Ts of b₁, b₂ and p; `None` where no first-order plant behind a hold has them.
+/// L/Ts from b₁, b₂ and p; `None` where no first-order plant behind a hold has these coefficients.
 fn fraction([b1, b2, p]: [f64; 3]) -> Option<f64> {
     let ratio = (p * b1 + b2) / (p * (b1 + b2));
     (p > 0.0 && p < 1.0 && ratio > 0.0).then(|| ratio.ln() / -p.ln()).filter(|l| l.is_finite())
 }
 
-/// Delays with less than this share of the best one's probability are not looked at.
+/// Delays with less than this share of the best one's probability are skipped.
 const SHARE: f64 = 0.05;
 
 fn read(orders: &OutputError, profile: &Profile) -> Option<ZeroReading> {
@@ -224,7 +224,7 @@ fn read(orders: &OutputError, profile: &Profile) -> Option<ZeroReading> {
     })
 }
 
-/// Standard deviation, samples, below which rounding and not noise would speak.
+/// Lower bound of the standard deviation, samples: rounding.
 const LEAST_STD: f64 = 1e-9;
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Output-error scans that several methods read, made once.
+//! Output-error scans shared by several methods.
 
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -9,18 +9,18 @@ use deadtime_signal::stop::Stop;
 /// The model of every delay.
 type Fits = Vec<Option<OeFit>>;
 
-/// Scans of one search: methods that ask for the same models of the same records share one. Clones share it too.
+/// Scans of one search: methods with the same models and records share one scan. Clones share it too.
 #[derive(Debug, Clone, Default)]
 pub struct Scans(Arc<Mutex<Vec<Kept>>>);
 
-/// A memory is no option: searches with and without one are the same.
+/// The cache is no option: searches with and without it are equal.
 impl PartialEq for Scans {
     fn eq(&self, _: &Self) -> bool {
         true
     }
 }
 
-/// Scans that are remembered.
+/// Number of cached scans.
 const KEPT: usize = 4;
 
 #[derive(Debug, Clone)]
@@ -29,14 +29,14 @@ struct Kept {
     fits: Arc<OnceLock<Fits>>,
 }
 
-/// What a scan is of.
+/// The data and models of a scan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Key {
     nb: usize,
     nf: usize,
     initial: Initial,
     max_delay: usize,
-    /// Of all samples and of which are there.
+    /// Hashes of all samples and of the mask.
     data: [u64; 2],
 }
 
@@ -55,7 +55,7 @@ impl Key {
 }
 
 impl Scans {
-    /// [`OutputError::scan_until`], by whoever asks first; others wait for it.
+    /// [`OutputError::scan_until`], computed at the first request; concurrent requests wait for it.
     pub(super) fn fits(
         &self,
         orders: &OutputError,
@@ -78,7 +78,7 @@ impl Scans {
         };
         let fits = shared.get_or_init(|| orders.scan_until(records, max_delay, stop)).clone();
         if stop.is_set() {
-            // What was broken off is nobody's answer.
+            // A cancelled scan is dropped.
             let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             kept.retain(|k| k.key != key);
         }

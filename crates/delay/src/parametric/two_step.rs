@@ -1,7 +1,7 @@
-//! Dynamics for a fixed delay, delay for fixed dynamics, in turns.
+//! Alternating fits: the dynamics for a fixed delay, and the delay for fixed dynamics.
 //!
-//! Equation: y(t) = b/(1 + f₁q⁻¹ + f₂q⁻²) ((1 − λ)·u(t − n) + λ·u(t − n − 1)) + e(t), τ̂ = Ts·(n + λ), 0 ≤ λ ≤ 1; V = Σ e² is made least over (n, λ, b) for fixed f₁ and f₂,
-//! then over (b, f₁, f₂) for fixed n + λ, until neither moves.
+//! Equation: y(t) = b/(1 + f₁q⁻¹ + f₂q⁻²)·u_τ(t) + e(t), τ̂ = Ts·(n + λ). The delayed input is u_τ(t) = (1 − λ)·u(t − n) + λ·u(t − n − 1), 0 ≤ λ ≤ 1. V = Σ e²
+//! is minimised over (n, λ, b) for fixed f₁ and f₂, then over (b, f₁, f₂) for fixed n + λ. The two steps alternate until convergence.
 
 use super::profile::shortened;
 use crate::error::{DelayError, LengthRemedy};
@@ -13,21 +13,23 @@ use deadtime_identify::{Initial, OeFit, OutputError, Record, filtered, largest_p
 
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u, a fraction of a sample included.
 ///
-/// Assumes: a stable plant of two lags (or one, or an oscillation) in open loop, noise that is not correlated with the input, a record that starts at rest.
-/// Resolution and cost: a fraction of a sample where the data ask for one by Schwarz's criterion, else whole samples (the raw value is the fraction at the minimum); the input between two delays is interpolated (its held value averaged over the sample), which is exact for whole delays and
-/// slow plants. A filter pass and one product per delay for each turn; some ten turns from each of a few starts.
-/// Fails when: turns creep, as they do where delay and lags can stand for each other: a turn is therefore followed by growing strides in its direction, and a search that has
-/// not come to rest is `not_converged`; the plant is unstable or under feedback. The delay is that of the sampled model: two lags behind a hold answer up to half a sample later
-/// than their dead time says, one lag a few hundredths earlier. Which of them the plant is cannot be seen from the model, and the interval reaches to both.
-/// Source: the scheme of class 2b in Björklund (2003), LiU-TEK-LIC-2003:60, p. 14, who lists such methods without preferring one. The source leaves
-/// the model, the starts and the end of the turns open; all three are ours.
+/// Assumes: a stable plant of two lags (or one, or an oscillation) in open loop. Noise uncorrelated with the input; a record that starts at rest.
+/// Resolution and cost: a fraction of a sample where Schwarz's criterion selects one, else whole samples (the raw value is the fraction at the minimum). The
+/// input between two delays is interpolated (its held value averaged over the sample), which is exact for whole delays and slow plants. Each iteration takes a
+/// filter pass and one product per delay; about ten iterations from each of a few starts.
+/// Fails when: the iterations creep because delay and lags are nearly aliases. Each iteration is therefore followed by growing steps in its direction; a search
+/// without convergence is `not_converged`. Unstable plants and feedback fail, too. The delay is that of the sampled model. Two lags behind a hold are up to 0.5
+/// samples later than their dead time, one lag a few hundredths of a sample earlier. The model does not reveal the number of lags, and the interval covers
+/// both.
+/// Source: the scheme of class 2b in Björklund (2003), LiU-TEK-LIC-2003:60, p. 14, which lists such methods without preferring one. The source leaves the
+/// model, the starts and the stopping rule open; all three are this program's choices.
 #[doc = plant_example!(TwoStep, 300, 0.8, 1e-3)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TwoStep {
-    /// Most turns from each start; default 100.
+    /// Largest number of iterations from each start; default 100.
     pub max_turns: usize,
-    /// Longest part of a record that is used, samples; default 20 000: each turn costs a product per sample and delay.
+    /// Longest part of a record that is used, samples; default 20 000: each iteration costs a product per sample and delay.
     pub max_samples: usize,
 }
 
@@ -59,13 +61,13 @@ pub(crate) const METHOD: Method = Method {
     )
 };
 
-/// Denominators to start from: slow, fast and oscillating.
+/// Initial denominators: slow, fast and oscillating.
 const STARTS: [[f64; 2]; 4] = [[-0.5, 0.0], [-1.3, 0.4], [-1.85, 0.855], [-1.6, 0.8]];
 
-/// A move of the delay, samples, that ends the turns.
+/// A change of the delay, samples, that ends the iterations.
 const STILL: f64 = 1e-6;
 
-/// Rows for each parameter, at least.
+/// Minimum number of rows per parameter.
 const ROWS: usize = 12;
 
 const MODEL: OutputError = OutputError { nb: 1, nf: 2, initial: Initial::Zero };
@@ -88,7 +90,7 @@ impl PairMethod for TwoStep {
     }
 }
 
-/// Where the turns ended.
+/// The end of the iterations.
 struct Rest {
     delay: f64,
     fit: OeFit,
@@ -96,7 +98,7 @@ struct Rest {
 }
 
 impl TwoStep {
-    /// The delay at which the best turns came to rest.
+    /// The delay of the best converged iteration.
     fn rest(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
         let &PairRecords { records, max_delay, .. } = pair;
         let mut rests: Vec<Rest> =
@@ -130,10 +132,10 @@ impl TwoStep {
             );
             return Err(NoDelay::new(Outcome::Flat, note));
         }
-        // Other minima count as far as they are probable.
+        // Other minima are included by their probability.
         let alternatives: Vec<&Rest> =
             rests.iter().filter(|r| gain(r.fit.loss) <= LIKELY).collect();
-        // A plant as fast as its sampling bends its lags until any fraction fits: one is taken only where the data ask for it.
+        // The lags of a plant as fast as its sampling adapt to any fraction. A fraction is accepted only where the data support it.
         let whole = nearest_whole(records, best, max_delay)
             .filter(|w| gain(w.fit.loss) <= independent.ln());
         let delay = whole.map_or(best.delay, |w| w.delay);
@@ -149,7 +151,7 @@ impl TwoStep {
         Ok(estimate.noting(note).with_raw_s(pair.seconds(best.delay)))
     }
 
-    /// Turns from one start until the delay stands still.
+    /// Iterations from one start until the delay converges.
     fn turns(&self, records: &[Record], max_delay: usize, start: &[f64]) -> Option<Rest> {
         let dynamics = |delay: f64, f: &[f64]| MODEL.refine(&interpolated(records, delay), 0, f);
         let longest = max_delay as f64;
@@ -163,7 +165,8 @@ impl TwoStep {
             if step.abs() <= STILL {
                 return Some(Rest { delay, fit, came_to_rest: true });
             }
-            // Turns creep along a valley: follow it in growing strides while the loss falls, then to the bottom of the parabola through the last three losses.
+            // Iterations creep along a valley: follow it in growing steps while the loss falls. The end is the minimum of the parabola through the last three
+            // losses.
             let mut behind = before;
             loop {
                 let ahead = (delay + 2.0 * step).clamp(0.0, longest);
@@ -191,14 +194,14 @@ impl TwoStep {
     }
 }
 
-/// The ends of an interval, moved by what the hold makes of one lag and of two.
+/// The ends of an interval, moved by the effect of the hold on one lag and on two.
 fn behind_the_hold([from, to]: [f64; 2], delay: f64, f: &[f64]) -> [f64; 2] {
     let (_, share) = split(delay);
     let (earlier, later) = (two_lags(f), one_lag(f, share) - share);
     [from - earlier, to + later.max(0.0)]
 }
 
-/// The share of the second coefficient in a hold's numerator of two lags with these sampled poles and no delay; 0 where no continuous plant has them.
+/// The share of the second coefficient in the hold's numerator for two lags with these sampled poles and no delay. 0 where no continuous plant has these poles.
 fn two_lags(f: &[f64]) -> f64 {
     let &[f1, f2] = f else { return 0.0 };
     let (middle, discriminant) = (-0.5 * f1, 0.25 * f1 * f1 - f2);
@@ -223,13 +226,13 @@ fn two_lags(f: &[f64]) -> f64 {
     if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// The fraction of a sample that one lag with the slowest of these poles must be late for its second coefficient to have this share.
+/// The fractional delay at which one lag with the slowest of these poles has this share in its second coefficient.
 fn one_lag(f: &[f64], share: f64) -> f64 {
     let p = largest_pole(f);
     if p > 0.0 && p < 1.0 { 1.0 - (p + share * (1.0 - p)).ln() / p.ln() } else { share }
 }
 
-/// The better of the two whole delays next to `rest`, with lags of its own.
+/// The better of the two whole delays next to `rest`, with refitted lags.
 fn nearest_whole(records: &[Record], rest: &Rest, max_delay: usize) -> Option<Rest> {
     let (n, _) = split(rest.delay);
     let at = |n: usize| {
@@ -250,9 +253,9 @@ fn nearest_whole(records: &[Record], rest: &Rest, max_delay: usize) -> Option<Re
 /// N·ln(V/V₀) up to which a delay belongs to the 95 % interval: the quantile of χ² with one degree of freedom.
 const LIKELY: f64 = 3.841;
 
-/// The ends of the interval around `rest` in which a model with lags of its own is still `likely` at its loss.
+/// The ends of the interval around `rest` in which a model with refitted lags is `likely` at its loss.
 ///
-/// A profile of the likelihood and not the curvature at its top: where a pole and the fraction can stand for each other the curvature is that of rounding.
+/// A likelihood profile instead of the curvature at the minimum: where a pole and the fraction are aliases, the curvature is that of rounding.
 fn reach(
     records: &[Record],
     rest: &Rest,
@@ -293,10 +296,10 @@ fn reach(
 
 /// The first step out from a minimum, samples.
 const FIRST_STEP: f64 = 0.02;
-/// Halvings of the last step: to some millionths of a sample.
+/// Bisections of the last step: down to some millionths of a sample.
 const HALVINGS: usize = 16;
 
-/// Standard deviation, samples, below which rounding and not noise would speak.
+/// Lower bound of the standard deviation, samples: rounding.
 const LEAST_STD: f64 = 1e-9;
 
 /// The records with the input `delay` samples later, interpolated within a sample.
@@ -312,14 +315,14 @@ fn interpolated<'a>(records: &'a [Record<'_>], delay: f64) -> Vec<Record<'a>> {
         .collect()
 }
 
-/// Whole samples and the share of the next.
+/// Whole samples, and the fraction.
 fn split(delay: f64) -> (usize, f64) {
     let n = delay.max(0.0) as usize;
     let share = (delay - n as f64).clamp(0.0, 1.0);
     (n, share)
 }
 
-/// The delay from 0 to `max_delay`, whole or not, at which the model with this denominator fits best; its gain is free.
+/// The delay from 0 to `max_delay`, whole or not, of the best model with this denominator and a free gain.
 fn best_delay(records: &[Record], f: &[f64], max_delay: usize) -> Option<f64> {
     // Σ x(t − n)·y(t), Σ x(t − n)² and Σ x(t − n)·x(t − n − 1) over the measured samples, x = u/F.
     let delays = max_delay + 1;
@@ -372,7 +375,7 @@ mod tests {
         use deadtime_model::c2d::{Conversion, ZeroOrderHold};
         use nalgebra::DMatrix;
         let m = DMatrix::from_row_slice;
-        // s² + c₁s + c₀: real, oscillating, and nearly equal poles.
+        // s² + c₁s + c₀: real, complex, and nearly equal poles.
         for (c1, c0) in [(1.1, 0.3), (0.4, 0.5), (1.0, 0.25)] {
             let plant = StateSpace::continuous(
                 m(2, 2, &[-c1, -c0, 1.0, 0.0]),

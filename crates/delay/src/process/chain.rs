@@ -1,9 +1,9 @@
-//! A process model as one chain of first- and second-order sections, whose states give the response, its derivatives by the poles and by the delay.
+//! A process model as one chain of first- and second-order sections. The chain's states give the response and its derivatives by poles and delay.
 //!
-//! Time counts in samples. D(s) = (a²ρ·s² + a·s + 1)·(T·s + 1), with the first factor from two poles on and the second for one or three: a is the sum of two time
-//! constants and ρ their product over its square (up to ¼: real poles; above: a complex pair), so that a pole too fast to be seen is ρ = 0 and nothing worse.
-//! The chain is D twice in a row: with ŷ = φ·b and φ = 1/D·u (and s/D·u), ∂ŷ/∂θ = −(∂D/∂θ)/D·ŷ is a sum of its states, and so is ∂ŷ/∂L = −s·ŷ.
-//! After the fraction g of a hold the states are Φ(g)·x + Γ(g)·u: one filter pass serves every delay, whole or not.
+//! Time is in samples. D(s) = (a²ρ·s² + a·s + 1)·(T·s + 1); the first factor exists from two poles on, the second for one or three. a is the sum of two time
+//! constants and ρ their product over its square (up to ¼: real poles; above: a complex pair). An invisibly fast pole is then simply ρ = 0. The chain is D
+//! twice in series: ŷ = φ·b and φ = 1/D·u (and s/D·u). Then ∂ŷ/∂θ = −(∂D/∂θ)/D·ŷ is a sum of its states, and so is ∂ŷ/∂L = −s·ŷ. After the fraction g of a hold
+//! the states are Φ(g)·x + Γ(g)·u: one filter pass gives every delay, whole or not.
 
 use nalgebra::DMatrix;
 
@@ -12,20 +12,20 @@ use deadtime_model::c2d::{Hold, transition};
 /// Largest number of states, and the input.
 const WIDTH: usize = 7;
 
-/// A sum of states and the input, in its last place.
+/// Weights of the states, and of the input in the last place.
 pub(super) type Row = [f64; WIDTH];
 
-/// The place of the input.
+/// The index of the input.
 pub(super) const INPUT: usize = WIDTH - 1;
 
-/// How many poles, and whether there is a zero.
+/// The number of poles, and the presence of a zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Shape {
     pub(super) poles: usize,
     pub(super) zero: bool,
 }
 
-/// Smallest ρ: a second time constant of a ten-thousandth of the first, which no record shows.
+/// Smallest ρ: a second time constant of 1e-4 of the first, which is invisible in any record.
 pub(super) const LEAST_RATIO: f64 = 1e-4;
 /// ρ of two equal real poles.
 pub(super) const REAL_RATIO: f64 = 0.25;
@@ -50,18 +50,18 @@ impl Shape {
         2 * self.poles
     }
 
-    /// A direct path and one pole: the held input's jump shows at the next sample wherever within the last it came, so delays are whole samples.
+    /// A direct path and one pole. The jump of a held input is visible at the next sample, wherever it occurred in between, so delays are whole samples.
     pub(super) fn whole(self) -> bool {
         self.poles == 1 && self.zero
     }
 
-    /// The parameter that is ρ.
+    /// The index of ρ among the parameters.
     pub(super) fn ratio(self) -> Option<usize> {
         (self.poles > 1).then_some(1)
     }
 }
 
-/// Where its states stand: x₁ and x₂ of the first pair of poles, w = u/D, z₁ = w/(pair) and z₂, q = w/(single pole).
+/// Indices of the states: x₁ and x₂ of the first pole pair, w = u/D, z₁ = w/(pair) and z₂, q = w/(single pole).
 struct Places {
     x: [usize; 2],
     w: usize,
@@ -84,9 +84,9 @@ pub(super) struct Chain {
     b: DMatrix<f64>,
     phi: DMatrix<f64>,
     gamma: DMatrix<f64>,
-    /// 1/D and, with a zero, the derivative of it in some scale.
+    /// 1/D and, with a zero, its scaled derivative.
     pub(super) basis: Vec<Row>,
-    /// The derivatives of each of these by the parameters of D (but for multiples of the basis).
+    /// The derivatives of each of these by the parameters of D (up to multiples of the basis).
     pub(super) slopes: Vec<Vec<Row>>,
 }
 
@@ -138,7 +138,7 @@ impl Chain {
         Self { shape, a, b, phi, gamma, basis, slopes }
     }
 
-    /// Rows as they read the states of the last sample when `g` of a sample has passed since.
+    /// Rows that read the states of the last sample, after `g` of a sample has passed.
     pub(super) fn after(&self, g: f64, rows: &[Row]) -> Vec<Row> {
         if g == 0.0 {
             return rows.to_vec();
@@ -147,7 +147,7 @@ impl Chain {
         rows.iter().map(|r| through(r, &phi, &gamma, true)).collect()
     }
 
-    /// The rate of change of a row's sum.
+    /// The time derivative of a row's sum.
     pub(super) fn rate(&self, r: &Row) -> Row {
         through(r, &self.a, &self.b, false)
     }
@@ -182,7 +182,7 @@ impl Chain {
     }
 }
 
-/// r·[A, B] with r's own share of the input kept, or not.
+/// r·[A, B], with or without r's own input weight.
 fn through(r: &Row, a: &DMatrix<f64>, b: &DMatrix<f64>, keep: bool) -> Row {
     let n = a.nrows();
     let mut out = [0.0; WIDTH];
@@ -201,7 +201,7 @@ fn rows(
 ) -> (Vec<Row>, Vec<Vec<Row>>) {
     let Places { x, w, z, q } = places(shape.poles);
     let (w, q) = (row(&[(w, 1.0)]), row(&[(q, 1.0)]));
-    // The derivative of w in units of the pair's T, or of the only pole's.
+    // The derivative of w in units of the pair's T, or of the single pole's.
     let scale = match (pair, single) {
         (Some((t, ..)), Some(single)) => t / single,
         _ => 1.0,

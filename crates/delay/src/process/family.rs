@@ -1,6 +1,7 @@
-//! Continuous models of low order whose dead time is a real number: P1D to P3DZ.
+//! Continuous models of low order with a real-valued dead time: P1D to P3DZ.
 //!
-//! Equation: (τ̂, θ̂) = argmin Σ (y(t) − ŷ(t))², ŷ = K·(1 + T_z·s)/D(s)·e^(−τs)·u sampled, u held between its samples, D of one to three poles (see `chain`).
+//! Equation: (τ̂, θ̂) = argmin Σ (y(t) − ŷ(t))², ŷ = K·(1 + T_z·s)/D(s)·e^(−τs)·u sampled. u is held between its samples; D has one to three poles (see
+//! `chain`).
 
 use super::chain::Shape;
 use super::fit::{Found, Place, Problem};
@@ -20,35 +21,36 @@ use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::stats::students_t;
 use deadtime_signal::stop::Stop;
 
-/// Which poles a process model may have.
+/// The allowed poles of a process model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Poles {
-    /// Real ones: no overshoot but by the zero.
+    /// Real poles: overshoot only through the zero.
     #[default]
     Real,
-    /// Of two or three, two may be a complex pair.
+    /// Two of two or three poles may be a complex pair.
     Any,
 }
 
-/// The options of a process model: one to three poles, with a zero or not, and a dead time that need not be whole samples.
+/// The options of a process model: one to three poles, with or without a zero, and a real-valued dead time.
 ///
-/// Inputs: u, held between its samples, and y on one even grid; several records share one model. Further inputs are fitted with it (`others`). Output: seconds, positive = y lags u. The hold's own sample is in
-/// the model: nothing is taken off the answer, whatever degree bias was assumed.
+/// Inputs: u, held between its samples, and y on one even grid; several records share one model. Further inputs are fitted jointly (`others`). Output: seconds,
+/// positive = y lags u. The model contains the hold's own sample: no bias is subtracted from the estimate, for any assumed degree bias.
 ///
-/// Assumes: a stable plant of this order in open loop, noise that is not correlated with the input, a record that starts at rest (or `initial: estimated`).
-/// Resolution and cost: a fraction of a sample, down to the Cramér-Rao bound; some hundred filter passes over the records whatever the search window: whole samples
-/// are ranked out of one pass for each row of a table of poles, and a dozen descents go on from the best.
-/// Interval: the delays whose best model (gain, zero, poles and start fitted anew) is as likely as the best of all but for chance, a likelihood ratio at 95 %; residuals
-/// that are not white count as fewer samples; other minima that are nearly as good widen it. Where a gain alone is as likely, no time constant shows: the plant settles
-/// within a sample, any delay within that sample fits, and the interval has all of it.
-/// Fails when: the plant has more poles than the model (the answer includes their lag: it is late by about the time constants left out, and no
-/// interval says so; a note does where the residual still follows the input); it has fewer (gain, poles and delay become confounded: wide intervals; with a
-/// zero they are nearly free: under slow noise a slow pole all but cancelled by the zero may follow the noise); it integrates or is unstable (`not_converged`);
-/// under feedback (biased); the input does not change from sample to sample as a hold does (an interpolated input looks half a sample early).
-/// Source: MATLAB `procest`, idproc models P1D to P3DZ, for the models; Björklund (2003), LiU-TEK-LIC-2003:60, section 6.2 (idproc6 and 7) and p. 47 (one minimum per
-/// sampling interval); Chen, Garnier and Gilson (2015), J. Process Control 25, 19-27, doi:10.1016/j.jprocont.2014.10.001, for fractional delays fitted with the poles.
-/// What the sources leave unclear: how `procest` starts and bounds its search; here no start is needed, and a time constant may reach the length of the records.
+/// Assumes: a stable plant of this order in open loop; noise uncorrelated with the input; a record that starts at rest (or `initial: estimated`).
+/// Resolution and cost: a fraction of a sample, down to the Cramér-Rao bound. About 100 filter passes over the records, for any search window. One pass per row
+/// of a table of poles ranks the whole samples; a dozen descents start at the best.
+/// Interval: the likelihood-ratio interval at 95 %, with gain, zero, poles and initial state refitted at every delay. Coloured residuals count as fewer
+/// samples; other minima of nearly equal likelihood widen it. Where a gain alone is equally likely, no time constant is visible. The plant settles within a
+/// sample, and the interval covers all delays within that sample.
+/// Fails when: the plant has more poles than the model: the estimate is late by about the omitted time constants, outside its interval. A note reports a
+/// residual that still follows the input. With fewer poles in the plant, gain, poles and delay are confounded, and intervals are wide. With a zero, a slow pole
+/// nearly cancelled by it may follow slow noise. An integrating or unstable plant gives `not_converged`. Feedback biases the estimate. An interpolated instead
+/// of a held input biases the delay early by half a sample.
+/// Source: MATLAB `procest`, idproc models P1D to P3DZ, for the models. Björklund (2003), LiU-TEK-LIC-2003:60, section 6.2 (idproc6 and 7) and p. 47 (one
+/// minimum per sampling interval). For fractional delays fitted with the poles Chen, Garnier and Gilson (2015), J. Process Control 25, 19-27,
+/// doi:10.1016/j.jprocont.2014.10.001. The sources do not state how `procest` starts and bounds its search. Here no start is needed, and a time constant may
+/// reach the length of the records.
 ///
 /// # Example
 /// ```
@@ -71,16 +73,16 @@ pub enum Poles {
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Process {
-    /// Which poles it may have; default real ones. One pole is real in any case.
+    /// The allowed poles; default real ones. A single pole is always real.
     pub poles: Poles,
-    /// The start of a record; default at rest. `estimated` leaves out the samples that the longest delay needs before the first.
+    /// The initial state of a record; default at rest. `estimated` leaves out the samples that the longest delay needs before the first.
     pub initial: Initial,
-    /// A delay to look at besides, s; default none. The search covers the whole window, so it changes nothing but the time taken.
+    /// An additional initial delay, s; default none. The search covers the whole window, so only the run time changes.
     pub initial_delay_s: Option<f64>,
     /// Longest part of a record that is used, samples; default 50 000.
     pub max_samples: usize,
-    /// What further inputs are: regressors (default) or noise. A regressor has a gain, a zero and a delay of its own; the poles are common, or of its own where the data ask for it.
-    /// A model of one pole and a zero takes one input at a time.
+    /// The role of further inputs: regressors (default) or noise. A regressor has its own gain, zero and delay. The poles are common, or its own where the data
+    /// support them. A model of one pole and a zero fits one input at a time.
     pub others: Others,
 }
 
@@ -96,8 +98,8 @@ impl Default for Process {
     }
 }
 
-/// The methods, one a line: type, line in the list, name, summary, poles, zero, tolerance, what it
-/// withstands, what it is exempt from, and the model that it fits.
+/// The methods, one a line: type, line in the list, name, summary, poles, zero. Then tolerance, conditions that it withstands, exempt laws, and the fitted
+/// model.
 macro_rules! process {
     ($($type:ident, $line:ident, $name:literal, $summary:literal, $poles:literal, $zero:literal, $tolerance:expr, $withstands:expr, $exempt:expr, $model:literal;)+) => {$(
         #[doc = $model]
@@ -188,7 +190,7 @@ pub(super) const OVERSIZED: &[(Law, &str)] = &[
     ),
 ];
 
-/// A slow pole next to a zero that all but cancels it can follow slow noise.
+/// A slow pole nearly cancelled by a zero can follow slow noise.
 pub(super) const WITH_ZERO: &[Condition] = &[
     Condition::Dynamics,
     Condition::MissingOutputs,
@@ -226,7 +228,7 @@ impl Process {
             ("initial_delay_s", first.unwrap_or_default(), first_ok, "0 or more"),
         ];
         options(method, rows)?;
-        // Raw delays count the sample that a hold takes to show; here it is in the model.
+        // Raw delays include the sample of the hold; this model contains it.
         let search = Search { min_delay: search.min_delay.saturating_sub(1), ..search.clone() };
         if self.others == Others::Regressors && !shape.whole() && experiment.inputs().len() > 1 {
             return first_of(joint_inputs(experiment, &search, |pairs| {
@@ -266,7 +268,7 @@ impl Process {
         Ok(estimate.noting(own).noting(used).contradicted(left))
     }
 
-    /// What was fitted, or that it is no more than chance.
+    /// The fitted model; an error where it is not significant.
     pub(super) fn visible<'a>(
         &self,
         fitted: Fitted<'a>,
@@ -275,7 +277,7 @@ impl Process {
     ) -> Result<Fitted<'a>, DelayEstimate> {
         let Fitted { problem, best, knowledge, .. } = &fitted;
         let gain = knowledge.counting * (problem.without / knowledge.floored(best.cost)).ln();
-        // A pair of poles may settle on any of N/2 frequencies, where the delay is but a phase: these are tries too.
+        // A pair of poles may converge to any of N/2 frequencies, where the delay is only a phase; this adds to the number of tests.
         let resonances = if self.poles == Poles::Any && shape.poles > 1 {
             (knowledge.counting / 2.0) as usize
         } else {
@@ -293,7 +295,7 @@ impl Process {
     }
 }
 
-/// A problem with its valleys, the bottom of the lowest, and how much the data know there.
+/// A problem with its local minima, the lowest of them, and the information there.
 pub(super) struct Fitted<'a> {
     pub(super) problem: Problem<'a>,
     pub(super) minima: Vec<Found>,
@@ -302,7 +304,7 @@ pub(super) struct Fitted<'a> {
 }
 
 impl<'a> Fitted<'a> {
-    /// The delay with its interval, and what contradicts the model, if anything does.
+    /// The delay with its interval, and any contradiction of the model.
     fn answer(
         self,
         pair: &PairRecords,
@@ -329,14 +331,14 @@ impl<'a> Fitted<'a> {
         Ok((DelayEstimate { misfit: Some(Box::new(misfit)), ..estimate }, left))
     }
 
-    /// The same in the middle of the delays that fit alike.
+    /// The same at the centre of the delays of equal cost.
     pub(super) fn centred(self) -> Self {
         let Self { problem, minima, best, knowledge } = self;
         let best = if problem.whole() { best } else { knowledge.middle(&problem, best) };
         Self { problem, minima, best, knowledge }
     }
 
-    /// The first fit; else what keeps it from being made.
+    /// The first fit, or the reason why it fails.
     pub(super) fn of(problem: Problem<'a>, initial: Option<f64>) -> Result<Self, DelayEstimate> {
         let minima = problem.minima(initial);
         let Some(best) = minima.first().map(|m| problem.refine(m)).filter(|m| m.cost.is_finite())
@@ -347,7 +349,7 @@ impl<'a> Fitted<'a> {
         Self::at(problem, minima, best)
     }
 
-    /// What the data know at the bottom of a valley.
+    /// The information at a local minimum.
     fn at(problem: Problem<'a>, minima: Vec<Found>, best: Found) -> Result<Self, DelayEstimate> {
         match Knowledge::of(&problem, &best) {
             Some(knowledge) => Ok(Self { problem, minima, best, knowledge }),
@@ -355,7 +357,7 @@ impl<'a> Fitted<'a> {
         }
     }
 
-    /// Together with other inputs: with poles of their own where the data ask for them, and what was chosen, in words.
+    /// The fit with other inputs, with poles of their own where the data support them, and the choice in words.
     fn poles_of_others(
         self,
         records: &[Record],
@@ -380,8 +382,8 @@ impl<'a> Fitted<'a> {
         Ok((self, said("the same poles")))
     }
 
-    /// Where a pole is as slow as the record: without it, if that costs no more than chance. A pole next to a zero that all but cancels it may grow as slow as the record
-    /// and follow its drift: two parameters of chance. A plant that integrates needs such a pole.
+    /// Where a pole is as slow as the record: the model without it, if that is not significantly worse. A pole nearly cancelled by a zero may grow as slow as
+    /// the record and follow its drift. A plant that integrates needs such a pole.
     pub(super) fn seen_poles(self, initial: Option<f64>) -> Result<Self, DelayEstimate> {
         if !self.problem.integrates(&self.best.theta) {
             return Ok(self);
@@ -415,7 +417,7 @@ pub(super) fn inputs(others: usize) -> String {
     if others == 1 { "one other input".to_owned() } else { format!("{others} other inputs") }
 }
 
-/// A model of some poles, fitted quickly: what a record can know of a delay is read from it before any method runs.
+/// A model of given order, fitted quickly: the source of the predicted information on a delay before any method runs.
 pub(crate) struct Rough {
     /// The delay of the model, samples.
     pub(crate) delay: f64,
@@ -423,24 +425,24 @@ pub(crate) struct Rough {
     pub(crate) model: Vec<f64>,
     /// y − ŷ.
     pub(crate) residual: Vec<f64>,
-    /// ∂ŷ/∂L per sample but for its sign, all else known.
+    /// ∂ŷ/∂L per sample except for its sign, with all other parameters known.
     pub(crate) slope: Vec<f64>,
-    /// What of it is no combination of the derivatives by gain and poles.
+    /// Its component orthogonal to the derivatives by gain and poles.
     pub(crate) alone: Vec<f64>,
-    /// The model's answer to a pulse of one sample.
+    /// The model's response to a pulse of one sample.
     pub(crate) impulse: Vec<f64>,
     /// Σ y².
     pub(crate) power: f64,
-    /// Samples that count.
+    /// Samples used.
     pub(crate) samples: f64,
     /// Parameters fitted.
     pub(crate) parameters: usize,
 }
 
-/// The start of the records that a quick fit looks at, samples; what the whole records know is then summed over all of them.
+/// The initial part of the records in a quick fit, samples; the information is then summed over the whole records.
 pub(crate) const ROUGH_SAMPLES: usize = 4000;
 
-/// The quick fit; `None` where there is nothing to fit.
+/// The quick fit; `None` without usable data.
 pub(crate) fn rough(
     records: &[Record],
     poles: usize,
@@ -470,19 +472,19 @@ pub(crate) fn rough(
     })
 }
 
-/// Standard deviations below this, samples, are rounding's and the optimiser's.
+/// Lower bound of the standard deviation, samples: rounding and the optimiser's tolerance.
 pub(super) const RESOLVED: f64 = 1e-6;
 
-/// An answer this near to the longest delay, samples, is at the edge.
+/// An estimate within this distance of the longest delay, samples, is at the edge.
 pub(super) const EDGE: f64 = 1e-3;
 
-/// How much the data know at the minimum.
+/// The information at the minimum.
 pub(super) struct Knowledge {
     /// Independent samples behind the model as a whole.
     pub(super) counting: f64,
     /// Independent samples behind the delay.
     independent: f64,
-    /// Standard deviation of the delay by the curvature there, samples.
+    /// Standard deviation of the delay by the curvature at the minimum, samples.
     std: f64,
     /// Student's 97.5 % point.
     quantile: f64,
@@ -509,7 +511,7 @@ impl Knowledge {
             }
         };
         let counting = under(&signals.model);
-        // Where whole samples are all that shows there is no derivative by the delay.
+        // With whole-sample delays the derivative by the delay does not exist.
         let independent = if problem.whole() { counting } else { under(&alone) };
         let freedom = (independent - problem.parameters() as f64).max(1.0);
         let energy: f64 = alone.iter().map(|v| v * v).sum();
@@ -526,7 +528,7 @@ impl Knowledge {
         })
     }
 
-    /// The residuals visibly follow the input, beyond rounding.
+    /// The residuals follow the input significantly, beyond rounding.
     pub(super) fn leaves(&self, records: &[Record], max_delay: usize) -> bool {
         let mut from = 0;
         let left: Vec<Record> = records
@@ -544,18 +546,18 @@ impl Knowledge {
         cost.max(self.floor).max(f64::MIN_POSITIVE)
     }
 
-    /// Twice the log-likelihood that a cost lacks.
+    /// Deficit of twice the log-likelihood at a cost.
     fn lacks(&self, cost: f64) -> f64 {
         self.independent * (self.floored(cost) / self.floored(self.cost)).ln()
     }
 
-    /// The same in units of what chance makes of it in one case of twenty.
+    /// The same relative to its 95 % quantile by chance.
     fn unlikely(&self, cost: f64) -> f64 {
         self.lacks(cost) / (self.quantile * self.quantile)
     }
 
-    /// The middle of the delays that fit alike. A pole that dies away before the next sample only adds to the dead time. A plant that settles within a sample
-    /// shows no more than that sample. Whole ranges of delays then have one cost, among which rounding would choose.
+    /// The centre of the delays of equal cost. A pole that decays before the next sample only adds to the dead time. A plant that settles within a sample is
+    /// visible in that sample only. Whole ranges of delays then have one cost, and rounding would select among them.
     pub(super) fn middle(&self, problem: &Problem<'_>, best: Found) -> Found {
         if let Some((lag, cost)) = problem
             .settled(best.place.delay())
@@ -572,7 +574,7 @@ impl Knowledge {
             .unwrap_or(best)
     }
 
-    /// The delays that are as likely as the best, from first to last, samples.
+    /// The delays within the likelihood-ratio limit, first and last, samples.
     pub(super) fn interval(
         &self,
         problem: &Problem<'_>,
@@ -589,20 +591,20 @@ impl Knowledge {
             ends[1] = ends[1].max(at + self.reach(problem, minimum, 1.0, 1.0));
         }
         if problem.whole() {
-            // The jump came at any time since the sample before.
+            // The jump occurred at any time since the previous sample.
             ends[0] = (ends[0] - 1.0).max(0.0);
         } else if let Some((lag, _)) =
             problem.settled(best.place.delay()).filter(|s| s.0 > 0 && self.unlikely(s.1) < 1.0)
         {
-            // No time constant shows: the same of a plant that settles within the sample.
+            // No time constant is visible: the same for a plant that settles within the sample.
             let lag = lag as f64;
             ends = [ends[0].min(lag - 1.0), ends[1].max(lag)];
         }
         ends
     }
 
-    /// How far from a minimum the delay may move in one direction until it lacks likelihood, in a share `level` of the interval's: false position on the root of the
-    /// likelihood ratio, which is a straight line where the cost is a parabola, and halving where it is not.
+    /// The distance from a minimum in one direction at which the delay lacks the share `level` of the interval's likelihood. False position on the root of the
+    /// likelihood ratio, which is linear where the cost is a parabola; bisection elsewhere.
     fn reach(&self, problem: &Problem<'_>, from: &Found, direction: f64, level: f64) -> f64 {
         let at = from.place.delay();
         let limit = if direction > 0.0 { problem.longest() - at } else { at };
@@ -647,7 +649,7 @@ impl Knowledge {
                     }
                     let slow = width > 0.5 * widths[0];
                     widths = [widths[1], width];
-                    // To either side of the crossing in turn, so that the bracket closes from both.
+                    // Alternately on either side of the crossing, so that the bracket closes from both.
                     let shift = if here.1 < 1.0 { 1e-3 } else { -1e-3 };
                     inner.0 + if slow { 0.5 } else { (share + shift).clamp(0.02, 0.98) } * width
                 }
@@ -657,11 +659,11 @@ impl Knowledge {
     }
 }
 
-/// Share of the interval's lack of likelihood, as its root, that is none: a thousandth of a standard deviation.
+/// Share of the interval's likelihood deficit, as its root, that counts as zero: 1e-3 of a standard deviation.
 pub(super) const ALIKE: f64 = 1e-3;
 
-/// Steps towards an end of the interval.
+/// Largest number of steps towards an end of the interval.
 pub(super) const REACHES: usize = 40;
 
-/// To what share of itself the distance to an end is found.
+/// Relative tolerance of the distance to an end.
 pub(super) const ENDS: f64 = 1e-4;

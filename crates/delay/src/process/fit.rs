@@ -1,7 +1,7 @@
-//! The output-error fit of a process model: poles and delay searched, numerator and starts eliminated.
+//! The output-error fit of a process model: poles and delay are searched, numerator and initial states eliminated.
 //!
-//! Source: Golub and Pereyra (2003), doi:10.1088/0266-5611/19/2/201, for the elimination (Kaufman's Jacobian); Björklund (2003), LiU-TEK-LIC-2003:60, p. 47, for the
-//! cost as a function of the delay: one minimum per sampling interval, so whole samples are searched and fractions descended.
+//! Source: Golub and Pereyra (2003), doi:10.1088/0266-5611/19/2/201, for the elimination (Kaufman's Jacobian). Björklund (2003), LiU-TEK-LIC-2003:60, p. 47,
+//! for the cost as a function of the delay. The cost has one minimum per sampling interval, so whole samples are scanned and fractions descended.
 
 pub(crate) mod several;
 
@@ -15,7 +15,7 @@ use deadtime_identify::{Initial, Record, dot, lag_vector};
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
 use deadtime_signal::stop::Stop;
 
-/// A delay of `lag` − `g` samples, g between 0 and 1: the states of `lag` samples ago, `g` of a sample later.
+/// A delay of `lag` − `g` samples, g between 0 and 1: the states `lag` samples ago, advanced by `g` of a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
     pub(super) lag: usize,
@@ -23,7 +23,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// The place of a delay; at a whole sample the one whose input has just changed.
+    /// The place of a delay; at a whole sample the place just after the input change.
     pub(super) fn of(delay: f64) -> Self {
         let lag = delay.max(0.0).ceil();
         Self { lag: lag as usize, g: lag - delay.max(0.0) }
@@ -45,19 +45,19 @@ pub(super) struct Found {
     pub(super) converged: bool,
 }
 
-/// One record: what does not change during a search.
+/// One record: the constants of a search.
 struct Work<'a> {
     u: &'a [f64],
     /// Further inputs that act through the same poles.
     others: Vec<&'a [f64]>,
     /// Zero where the mask excludes the row.
     y: Vec<f64>,
-    /// 1 where the output counts, else 0; `None`: everywhere.
+    /// 1 where the output is used, else 0; `None`: everywhere.
     mask: Option<Vec<f64>>,
 }
 
-/// Takes the mean off the samples that count: with all columns centred alike, every record has a level of its own that is fitted with the rest (Frisch and Waugh,
-/// 1933, doi:10.2307/1907330). Means that were taken off input and output belong together only where both were measured throughout.
+/// Subtracts the mean of the used samples. With equal centring of all columns, every record has its own offset, fitted jointly (Frisch and Waugh, 1933,
+/// doi:10.2307/1907330). The subtracted means of input and output match only where both were measured throughout.
 fn centre(column: &mut [f64], mask: Option<&[f64]>) {
     let counted = mask.map_or(count(column.len()), |m| m.iter().sum());
     let mean = column.iter().sum::<f64>() / counted.max(1.0);
@@ -67,7 +67,7 @@ fn centre(column: &mut [f64], mask: Option<&[f64]>) {
     }
 }
 
-/// What one input of several does, through poles of its own.
+/// The response to one of several inputs, through poles of its own.
 #[derive(Clone)]
 struct Part {
     found: Found,
@@ -75,7 +75,7 @@ struct Part {
     model: Vec<f64>,
 }
 
-/// What is fitted to what.
+/// The data and the model of a fit.
 pub(super) struct Problem<'a> {
     shape: Shape,
     initial: Initial,
@@ -83,15 +83,15 @@ pub(super) struct Problem<'a> {
     records: Vec<Work<'a>>,
     lower: Vec<f64>,
     upper: Vec<f64>,
-    /// Σ y² over the samples that count.
+    /// Σ y² over the used samples.
     pub(super) power: f64,
-    /// Samples that count.
+    /// Samples used.
     pub(super) samples: f64,
-    /// What every input does, found one after the other, where there are several.
+    /// The responses to all inputs, found one after the other, where there are several.
     parts: Vec<Part>,
-    /// Σ e² of the best model without the first input; of one input Σ y².
+    /// Σ e² of the best model without the first input; for one input Σ y².
     pub(super) without: f64,
-    /// Once it is set nothing can be evaluated any more, so that every search ends.
+    /// Cancellation: once set, every evaluation fails, so that every search ends.
     stop: Stop,
 }
 
@@ -99,7 +99,7 @@ pub(super) struct Problem<'a> {
 pub(super) struct Signals {
     pub(super) residual: Vec<f64>,
     pub(super) model: Vec<f64>,
-    /// What is linear: the numerator's signals, then the starts record by record.
+    /// Linear columns: the numerator's signals, then the initial states record by record.
     pub(super) linear: Vec<Vec<f64>>,
     /// Derivatives of the model by the poles, then by g.
     pub(super) slopes: Vec<Vec<f64>>,
@@ -109,13 +109,13 @@ pub(super) struct Signals {
     pub(super) coefficients: DVector<f64>,
 }
 
-/// What the output of all records in a row is made of.
+/// The columns that compose the output, all records in a row.
 struct Columns {
-    /// The numerators' signals, input by input, then the starts, record by record.
+    /// The numerators' signals, input by input, then the initial states, record by record.
     linear: Vec<Vec<f64>>,
-    /// Of each input: its numerator's slopes by each pole, then their rates of change.
+    /// For each input: its numerator's slopes by each pole, then their time derivatives.
     other: Vec<Vec<f64>>,
-    /// The slopes of each start by the poles.
+    /// The slopes of each initial state by the poles.
     start_slopes: Vec<Vec<Vec<f64>>>,
 }
 
@@ -132,8 +132,8 @@ impl<'a> Problem<'a> {
         Self::together(shape, real, initial, records, &[], max_delay, stop)
     }
 
-    /// The first input together with others, each a list of as many records: one set of poles for all, a numerator and a delay for each. The delays of the others stand behind the
-    /// parameters of D.
+    /// The first input together with others, each a list of as many records. Poles are common; each input has its own numerator and delay. The delays of the
+    /// others follow the parameters of D.
     pub(super) fn together(
         shape: Shape,
         real: bool,
@@ -204,7 +204,7 @@ impl<'a> Problem<'a> {
             + self.records.len()
     }
 
-    /// Delays count in whole samples.
+    /// Delays are whole samples.
     pub(super) fn whole(&self) -> bool {
         self.shape.whole()
     }
@@ -220,7 +220,7 @@ impl<'a> Problem<'a> {
         poles.into_iter().any(|(i, v)| Some(i) != self.shape.ratio() && *v >= self.upper[i] - 1e-6)
     }
 
-    /// The same with poles so fast that the longest record shows several of their time constants.
+    /// The same with poles so fast that the longest record contains several of their time constants.
     pub(super) fn of_seen_poles(mut self) -> Self {
         let ratio = self.shape.ratio();
         let poles = self.shape.denominator();
@@ -252,11 +252,11 @@ impl<'a> Problem<'a> {
         Some(Signals { residual, model, linear: columns.linear, slopes, inverse, coefficients })
     }
 
-    /// What the output is made of at these poles and delays.
+    /// The columns of the output at these poles and delays.
     fn columns(&self, theta: &[f64], places: &[Place]) -> Columns {
         let k = self.shape.numerator();
         let chain = Chain::new(self.shape, theta);
-        // The numerator's rows, those of their slopes by each pole, and those of their rates of change.
+        // The numerator's rows, those of their slopes by each pole, and those of their time derivatives.
         let mut rows: Vec<Row> = chain.basis.clone();
         rows.extend(chain.slopes.iter().flatten());
         rows.extend(chain.basis.iter().map(|r| chain.rate(r)));
@@ -299,7 +299,7 @@ impl<'a> Problem<'a> {
         columns
     }
 
-    /// What each state of a record's start adds to it, and its slopes by the poles.
+    /// The contribution of each initial state of a record, and its slopes by the poles.
     fn free_motion(
         &self,
         chain: &Chain,
@@ -360,8 +360,9 @@ impl<'a> Problem<'a> {
         slopes
     }
 
-    /// A gain alone, whose input shows at the next sample: its lag and Σ e². It is the limit of a plant that settles within a sample, which no time constant above
-    /// the least reaches. Of the lags on both sides of a delay, the best, as a lag makes up for a delay just short of a sample; `None` together with other inputs.
+    /// A gain alone, whose input is visible at the next sample: its lag and Σ e². A gain alone is the limit of a plant that settles within a sample, below the
+    /// least time constant. The result is the best lag on both sides of a delay: a lag compensates a delay just short of a sample. `None` together with other
+    /// inputs.
     pub(super) fn settled(&self, delay: f64) -> Option<(usize, f64)> {
         if self.others() > 0 {
             return None;
@@ -389,7 +390,7 @@ impl<'a> Problem<'a> {
             .min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// The model's answer to a unit pulse of one sample.
+    /// The model's response to a unit pulse of one sample.
     pub(super) fn impulse(
         &self,
         theta: &[f64],
@@ -401,7 +402,7 @@ impl<'a> Problem<'a> {
         answer(self.shape, theta, place, signals.coefficients.as_slice(), &pulse)
     }
 
-    /// Cost, gradient and information by the poles, and by g where `fraction` says so.
+    /// Cost, gradient and information by the poles, and by g if `fraction` is set.
     fn evaluate(&self, theta: &[f64], place: Place, fraction: bool) -> Option<Normal> {
         let inside = theta
             .iter()
@@ -441,13 +442,13 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Descends over poles and delay together, from one interval into the next where the cost falls on.
+    /// Descends over poles and delay together; enters the next interval while the cost falls.
     fn descend(&self, theta: &[f64], place: Place, tolerance: f64) -> Option<Found> {
         let mut best = self.within(theta, place, tolerance)?;
         let (mut came_from, mut turns) = (None, 0);
         loop {
             let Place { lag, g } = best.place;
-            // Below rounding costs fall on for ever, from one side of a whole sample to the other and back.
+            // Below rounding, costs keep falling from one side of a whole sample to the other and back.
             if self.shape.whole() || best.cost <= posterior::ROUNDING * self.power {
                 return Some(best);
             }
@@ -464,7 +465,7 @@ impl<'a> Problem<'a> {
             }
             came_from = Some(lag);
             match self.within(&best.theta, next, tolerance) {
-                // A whole sample is the end of one interval and the start of another: only a lower cost leads on.
+                // A whole sample ends one interval and begins another: only a lower cost continues.
                 Some(found) if found.cost < best.cost * (1.0 - 1e-9) => best = found,
                 _ => return Some(best),
             }
@@ -473,7 +474,7 @@ impl<'a> Problem<'a> {
 
     fn within(&self, theta: &[f64], place: Place, tolerance: f64) -> Option<Found> {
         let start: Vec<f64> = theta.iter().copied().chain([place.g]).collect();
-        // At no delay there is no fraction.
+        // A delay of zero has no fraction.
         if place.lag == 0 || self.shape.whole() {
             return self.at(theta, place);
         }
@@ -497,7 +498,7 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// The minimum to its last digits.
+    /// The minimum to full precision.
     pub(super) fn refine(&self, found: &Found) -> Found {
         let found = self
             .descend(&found.theta, found.place, FINE)
@@ -520,14 +521,15 @@ impl<'a> Problem<'a> {
         self.found(fit, lag).map_or(found.clone(), |f| Found { converged: found.converged, ..f })
     }
 
-    /// The best poles at a fixed delay from every start of the table, besides `theta`: for shapes whose poles at one delay are no guide to those at another.
+    /// The best poles at a fixed delay from `theta` and every start of the table. Some shapes need it because poles at one delay do not predict those at
+    /// another.
     pub(super) fn afresh(&self, theta: &[f64], place: Place) -> Option<Found> {
         let starts = self.table().into_iter().chain([theta.to_vec()]);
         starts.filter_map(|theta| self.at(&theta, place)).min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
-    /// The lowest minima, best first. Of long records the first part finds the valleys, the whole their bottoms: where a valley lies takes far fewer samples than how
-    /// deep it is.
+    /// The lowest minima, best first. For long records the first part locates the local minima, and the whole record refines them: locating takes far fewer
+    /// samples.
     pub(super) fn minima(&self, initial_delay: Option<f64>) -> Vec<Found> {
         if self.others() > 0 {
             return self.joint_minima();
@@ -545,8 +547,8 @@ impl<'a> Problem<'a> {
         minima
     }
 
-    /// The first samples of each record, of so many that they tell the valleys apart; `None` where that is all there is, or where the commands move in them much less than
-    /// later.
+    /// The first samples of each record, enough to separate the local minima. `None` where that is the whole record, or where commands move in them much less
+    /// than later.
     fn first_part(&self) -> Option<Problem<'_>> {
         let total: usize = self.records.iter().map(|w| w.u.len()).sum();
         if total <= 2 * FIRST {
@@ -573,7 +575,7 @@ impl<'a> Problem<'a> {
             .map(|(w, (n, y, mask))| Work { u: &w.u[..n], others: Vec::new(), y, mask })
             .collect();
         let used: usize = records.iter().map(|w| w.u.len()).sum();
-        // At least half of what samples of the record move on average.
+        // At least half of the average motion per sample of the record.
         if moved * count(total) < 0.5 * moves * count(used) {
             return None;
         }
@@ -596,7 +598,7 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// The same from all samples: descents from where a table of poles fits best, over all delays.
+    /// The same from all samples: descents from the best fits of a table of poles, over all delays.
     fn all_minima(&self, initial_delay: Option<f64>) -> Vec<Found> {
         let row =
             |theta: Vec<f64>| (!self.stop.is_set()).then(|| (theta.clone(), self.profile(&theta)));
@@ -606,7 +608,7 @@ impl<'a> Problem<'a> {
             return Vec::new();
         };
         let places = table.first().map_or(0, |(_, profile)| profile.len());
-        // The lower envelope over the table, and which poles gave it.
+        // The lower envelope over the table, and the poles that give it.
         let envelope: Vec<(usize, f64)> = (0..places)
             .filter_map(|at| {
                 table
@@ -628,7 +630,7 @@ impl<'a> Problem<'a> {
             })
             .map(|at| (cost(at), envelope[at].0, at))
             .collect();
-        // Each row of the table at the delay that suits it.
+        // Each row of the table at its best delay.
         starts.extend(table.iter().enumerate().filter_map(|(i, (_, p))| {
             p.iter()
                 .enumerate()
@@ -656,7 +658,7 @@ impl<'a> Problem<'a> {
         minima
     }
 
-    /// Poles that between them are near most plants, from a fraction of a sample to half the longest record.
+    /// Poles close to most plants, from a fraction of a sample to half the longest record.
     fn table(&self) -> Vec<Vec<f64>> {
         let most = self.upper[0].exp() / 2.0;
         let lags: Vec<f64> = LAGS.into_iter().filter(|l| *l <= most.max(1.0)).collect();
@@ -683,7 +685,7 @@ impl<'a> Problem<'a> {
             if self.shape.poles == 2 {
                 table.push(pair);
             } else {
-                // The third time constant as long as the sum of the others, and 25 % of it.
+                // The third time constant equal to the sum of the others, and to 25 % of it.
                 table.extend(
                     [1.0, 0.25].map(|share: f64| vec![pair[0], pair[1], pair[0] + share.ln()]),
                 );
@@ -697,7 +699,7 @@ impl<'a> Problem<'a> {
         table
     }
 
-    /// The cost at every half sample for given poles, out of one filter pass and its correlations with the output; initial states other than rest are left out.
+    /// The cost at every half sample for given poles, from one filter pass and its correlations with the output. Initial states other than rest are left out.
     fn profile(&self, theta: &[f64]) -> CostProfile {
         let chain = Chain::new(self.shape, theta);
         let lags = self.max_delay + 1;
@@ -769,21 +771,21 @@ fn keep(minima: &mut Vec<Found>, found: Option<Found>) {
 /// Costs by delay, in the order of the delays.
 type CostProfile = Vec<(Place, f64)>;
 
-/// Tolerance of a search that only has to find the valley.
+/// Tolerance of a search for the valley of a minimum.
 const COARSE: f64 = 1e-5;
 /// Tolerance of a search for the minimum itself.
 const FINE: f64 = 1e-8;
-/// Time constants that a record must be long to show the pole.
+/// Record length in time constants from which a pole is visible.
 const SEEN: f64 = 10.0;
-/// A fraction this near to a whole sample is at it.
+/// A fraction within this distance of a whole sample equals it.
 const EDGE: f64 = 1e-6;
-/// Samples that tell valleys apart; longer records are searched in their first so many.
+/// Samples that separate local minima; longer records are first searched in this many.
 const FIRST: usize = 6000;
-/// Valleys of the first part that the whole is tried in.
+/// Local minima of the first part that are tested on the whole.
 const VALLEYS: usize = 6;
-/// How often a descent goes back into the interval that it came from: a minimum at a whole sample is seen from both sides.
+/// Largest number of returns to the previous interval: a minimum at a whole sample is visible from both sides.
 const TURNS: usize = 4;
-/// Descents; starts at every half sample besides found nothing lower in 94 of 96 random plants (tests/process.rs).
+/// Number of descents; additional starts at every half sample found nothing lower in 94 of 96 random plants (tests/process.rs).
 const STARTS: usize = 12;
 /// Time constants of the table, samples: half a decade apart, as costs vary slowly with the logarithm.
 const LAGS: [f64; 8] = [0.1, 0.6, 2.0, 5.0, 12.0, 30.0, 100.0, 1000.0];
@@ -792,7 +794,7 @@ fn count(n: usize) -> f64 {
     n as f64
 }
 
-/// A model's answer to an input, from rest; `coefficients` of its numerator.
+/// A model's response to an input, from rest; `coefficients` of its numerator.
 pub(super) fn answer(
     shape: Shape,
     theta: &[f64],
@@ -832,7 +834,7 @@ pub(super) fn combine(
     }
     while let Some((c, x)) = terms.next() {
         match terms.next() {
-            // Two at a time: half of the ways to memory and back.
+            // Two at a time: half of the memory accesses.
             Some((d, y)) => {
                 after.iter_mut().zip(x).zip(y).for_each(|((to, x), y)| *to = (*to + c * x) + d * y)
             }
@@ -850,7 +852,7 @@ fn add(to: &mut [f64], c: f64, x: &[f64]) {
     }
 }
 
-/// A relative ridge of rounding size: columns may coincide, their sum is what matters.
+/// A relative ridge of rounding size: columns may coincide, only their sum matters.
 fn ridged(mut gram: DMatrix<f64>) -> Option<nalgebra::Cholesky<f64, nalgebra::Dyn>> {
     for i in 0..gram.nrows() {
         gram[(i, i)] += 1e-13 * gram[(i, i)] + f64::MIN_POSITIVE;
@@ -874,7 +876,7 @@ pub(super) fn project(columns: &[Vec<f64>], y: &[f64]) -> Option<(DMatrix<f64>, 
 }
 
 impl Signals {
-    /// Cost, gradient and information by the first `count` of the slopes, what is linear projected out.
+    /// Cost, gradient and information by the first `count` of the slopes, with the linear part projected out.
     pub(super) fn normal(&self, count: usize) -> Normal {
         let slopes = &self.slopes[..count];
         let cross =
@@ -892,12 +894,12 @@ impl Signals {
         Normal { cost: dot(&self.residual, &self.residual), gradient, information }
     }
 
-    /// ∂ŷ/∂g, all else known.
+    /// ∂ŷ/∂g with all other parameters known.
     pub(super) fn by_delay(&self) -> &[f64] {
         self.slopes.last().map_or(&[], Vec::as_slice)
     }
 
-    /// ∂ŷ/∂g with everything else projected out: the information on the delay that gain, poles and initial state leave.
+    /// ∂ŷ/∂g with all other derivatives projected out: the information on the delay given unknown gain, poles and initial state.
     pub(super) fn alone(&self) -> Option<Vec<f64>> {
         let (last, poles) = self.slopes.split_last()?;
         Some(bound::alone(last, self.linear.iter().chain(poles).map(Vec::as_slice)))

@@ -1,15 +1,15 @@
-//! First guesses of a lag and a dead time from a step response.
+//! Initial guesses of a lag and a dead time from a step response.
 
 use deadtime_identify::{Guess, Record, fir};
 use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 
-/// Coefficients beyond the longest delay that a step response is read from.
+/// Coefficients beyond the longest delay from which a step response is read.
 const BEYOND: usize = 100;
-/// Share of a step's response that its end is averaged over.
+/// The last 1/`END` of a step response gives its final value.
 const END: usize = 10;
 
-/// First guesses of K/(1 + T·s)·e^(−τ·s): the step itself where the record is one, else the running sum of an impulse response by least squares.
+/// Initial guesses of K/(1 + T·s)·e^(−τ·s): from the step itself in a step record, else from the running sum of a least-squares impulse response.
 pub(super) fn guesses(records: &[Record], step: SampleTime, max_delay: usize) -> Vec<Guess> {
     let response = match records {
         [one] if one.is_one_step() => of_step(one),
@@ -43,7 +43,7 @@ fn running_sum(records: &[Record], max_delay: usize) -> Option<Vec<f64>> {
     Some(sums.collect())
 }
 
-/// The output after the only step of the input, from its level before and for a unit step.
+/// The output after the only input step, relative to its initial level and for a unit step.
 fn of_step(record: &Record) -> Option<Vec<f64>> {
     let at = record.u.windows(2).position(|w| w[0] != w[1])? + 1;
     let size = record.u.last()? - record.u.first()?;
@@ -75,7 +75,7 @@ fn by_area(step: &[f64]) -> Option<Guess> {
 /// The steepest tangent meets the start level at τ; the response reaches 63 % at τ + T.
 fn by_tangent(step: &[f64]) -> Option<Guess> {
     let (gain, s) = scaled(step)?;
-    // Over a few samples, so that noise is not the steepest.
+    // Over a few samples, so that noise does not determine the slope.
     let span = (s.len() / 40).max(1);
     let slope = |k: usize| (s[k + span] - s[k]) / span as f64;
     let at = (0..s.len().checked_sub(span + 1)?).max_by(|a, b| slope(*a).total_cmp(&slope(*b)))?;
@@ -90,7 +90,7 @@ fn by_tangent(step: &[f64]) -> Option<Guess> {
     })
 }
 
-/// A step response over its end, and its end.
+/// A step response over its final value, and that value.
 fn scaled(step: &[f64]) -> Option<(f64, Vec<f64>)> {
     let end = step.get(step.len() - (step.len() / END).max(1)..)?;
     let gain = stats::mean(end.iter().copied())?;

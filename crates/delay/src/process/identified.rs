@@ -1,7 +1,7 @@
-//! Process models as models of records: the best fit of the estimators of dead time, with the covariance of all of its numbers.
+//! Process models as models of records: the best fit of the dead-time estimators, with the covariance of all parameters.
 //!
-//! Equation: ŷ = K·(1 + T_z·s)/((1 + T₁s)(1 + T₂s))·e^(−τs)·u, or K/(s(1 + T₁s))·e^(−τs)·u (`integrator`), sampled exactly, u held between its samples.
-//! How it can be wrong: see [`ProcessFit`].
+//! Equation: ŷ = K·(1 + T_z·s)/((1 + T₁s)(1 + T₂s))·e^(−τs)·u, or K/(s(1 + T₁s))·e^(−τs)·u (`integrator`). The model is sampled exactly, with u held between
+//! its samples. How it can be wrong: see [`ProcessFit`].
 
 use deadtime_signal::decompositions::svd;
 use nalgebra::{DMatrix, DVector};
@@ -25,16 +25,16 @@ use deadtime_signal::stats::{self, NORMAL_95_EXACT};
 use deadtime_signal::stop::Stop;
 use deadtime_signal::time::SampleTime;
 
-/// How a record begins.
+/// The initial state of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Beginning {
-    /// At rest, unless a start that is fitted with the rest explains visibly more.
+    /// At rest, unless a fitted initial state explains significantly more.
     #[default]
     Auto,
     /// At rest at the first sample's input.
     Rest,
-    /// In motion: the initial state of each record is fitted; the samples within the longest delay are left out.
+    /// In motion: the initial state of each record is fitted; samples within the longest delay are left out.
     Estimated,
 }
 
@@ -42,13 +42,13 @@ pub enum Beginning {
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProcessOptions {
-    /// Which poles two may be; default real ones, `any` a complex pair too.
+    /// The allowed poles; default real ones, `any` also a complex pair.
     pub poles: Poles,
-    /// How records begin; default `auto`. An integrator's start is always fitted.
+    /// The initial state of records; default `auto`. An integrator's initial state is always fitted.
     pub start: Beginning,
-    /// Longest dead time that is searched, s; default 35 samples, and twice as long while the best is the longest.
+    /// Longest dead time that is searched, s; default 35 samples, doubled while the best is the longest.
     pub max_delay_s: Option<f64>,
-    /// Drawn models for bands, and as many small ones for standard deviations of poles; default 200, 0: none.
+    /// Drawn models for bands, and as many small ones for standard deviations of poles; default 200; 0: none.
     pub draws: usize,
     /// Seed of the draws; default 1.
     pub seed: u64,
@@ -60,39 +60,40 @@ impl Default for ProcessOptions {
     }
 }
 
-/// A process model of one input and one output with a dead time that is a real number: `POLES` time constants, with a zero or not, behind an integrator or not.
+/// A process model of one input and one output with a real-valued dead time. The model has `POLES` time constants, with or without a zero, and with or without
+/// an integrator.
 ///
-/// Inputs: u, held between its samples, and y, on one even grid; every record has a level of its own. Output: K, T₁, T₂, T_z, s, and the dead time, s, each with its
-/// standard deviation and interval, and the model in continuous time.
-/// Estimate: least squares over all places of the dead time, then one step of Gauss and Newton under the autoregression that the residuals are fitted with.
-/// Intervals: 95 % of draws from that step's covariance; that of the dead time is no narrower than the estimator's likelihood ratio ([`Process`]).
-/// Assumes: open loop, noise that does not depend on the input, a plant of this structure.
-/// Fails when: the plant has more poles (the dead time then includes their lag; a note says so where the residual follows the input); the record ends before the response
-/// settles (K and T₁ become one parameter, their intervals say so); under feedback (biased).
-/// Source: as [`Process`]; the covariance: Ljung (1999), "System Identification", 2nd ed., section 9.4; first guesses: Åström and Hägglund (1995), "PID Controllers:
-/// Theory, Design, and Tuning", 2nd ed., sections 2.4 (areas) and 2.3 (tangent and 63 %).
+/// Inputs: u, held between its samples, and y, on one even grid; every record has its own offset. Output: K, T₁, T₂, T_z, s, and the dead time, s, each with
+/// its standard deviation and interval. Also the model in continuous time. Estimate: least squares over all dead times, then one Gauss-Newton step under the
+/// autoregression of the residuals. Intervals: 95 % of draws from that step's covariance; the dead time's interval is at least the estimator's likelihood-ratio
+/// interval ([`Process`]).
+/// Assumes: open loop, noise independent of the input, a plant of this structure.
+/// Fails when: the plant has more poles: the dead time then includes their lag, and a note reports a residual that follows the input. In a record that ends
+/// before the response settles, K and T₁ become one parameter, visible in their intervals. Feedback biases the estimate.
+/// Source: as [`Process`]. For the covariance Ljung (1999), "System Identification", 2nd ed., section 9.4. For the initial guesses Åström and Hägglund (1995),
+/// "PID Controllers: Theory, Design, and Tuning", 2nd ed., sections 2.4 (areas) and 2.3 (tangent and 63 %).
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(transparent)]
 pub struct ProcessFit<const POLES: usize, const ZERO: bool, const INTEGRATES: bool>(
     pub ProcessOptions,
 );
 
-/// A record may begin at rest: its input stands still through the longest delay, or it is a test of a few steps.
+/// A record may begin at rest: its input is constant through the longest delay, or it is a test of a few steps.
 fn may_rest(r: &Record, max_delay: usize) -> bool {
     let moves = |u: &[f64]| u.windows(2).filter(|w| w[0] != w[1]).count();
     moves(&r.u) <= STEPS || moves(r.u.get(..max_delay.min(r.len())).unwrap_or_default()) == 0
 }
 
-/// Most changes of the input in a test by steps.
+/// Largest number of input changes in a test by steps.
 const STEPS: usize = 4;
 
-/// Draws that intervals are read from.
+/// Draws for the intervals.
 const DRAWS: usize = 4000;
 /// Longest part of a record that is used, samples.
 const LONGEST: usize = 50_000;
-/// A longest delay that nobody asked for, samples.
+/// Default longest delay, samples.
 const SEARCHED: usize = 35;
-/// What the errors keep of a constant, so that they drift: 1 + Σ d.
+/// Constant gain of the noise filter, 1 + Σ d, below which the errors count as drifting.
 const DRIFTS: f64 = 0.02;
 
 impl<const POLES: usize, const ZERO: bool, const INTEGRATES: bool> Identifier
@@ -189,7 +190,7 @@ impl ProcessOptions {
         })
     }
 
-    /// The longest delay that was asked for, samples.
+    /// The requested longest delay, samples.
     fn asked(&self, step: SampleTime) -> Result<Option<usize>, IdentifyError> {
         match self.max_delay_s {
             Some(value) if !(value.is_finite() && value >= 0.0) => Err(IdentifyError::Option {
@@ -201,8 +202,7 @@ impl ProcessOptions {
         }
     }
 
-    /// The fit in a window that doubles, up to `most`, while the dead time may be the longest in
-    /// it; and that window.
+    /// The fit, and its window. The window doubles up to `most` while the dead time may be the longest in it.
     fn widened(
         &self,
         structure: ProcessStructure,
@@ -262,7 +262,7 @@ impl ProcessOptions {
         let mut solved = finished(structure, fitted, own, initial, max_delay)
             .ok_or_else(|| unfit("the model cannot be evaluated at its minimum".to_owned()))?;
         solved.weigh(structure.poles, true);
-        // A level belongs to the input that its record was centred by.
+        // An offset belongs to the input mean of its record.
         let levels: Vec<f64> = levels(structure.shape(), &solved, own, initial, max_delay)
             .into_iter()
             .zip(records.iter().zip(own))
@@ -290,8 +290,7 @@ impl ProcessOptions {
         Ok(solved)
     }
 
-    /// The fit of the records from rest, or of those in motion with a start that is fitted; why
-    /// there is neither.
+    /// The fit of the records from rest, or with fitted initial states. Errors: why neither exists.
     fn begun<'a>(
         &self,
         shape: Shape,
@@ -312,7 +311,7 @@ impl ProcessOptions {
                     * (late(&rest, records, max_delay)
                         / started.knowledge.floored(started.best.cost))
                     .ln();
-                // A start left out is a bias, one too many a little scatter: Akaike's price.
+                // An omitted initial state is a bias, a redundant one a little variance: Akaike's criterion.
                 if better > 2.0 * started.problem.parameters() as f64 {
                     Ok((started, Initial::Estimated))
                 } else {
@@ -365,7 +364,7 @@ struct Spread<'a> {
     solved: &'a Solved,
     best: Numbers,
     cloud: Option<Cloud>,
-    /// Student's 97.5 % point over the normal one.
+    /// Student's 97.5 % quantile over the normal one.
     wider: f64,
 }
 
@@ -386,8 +385,7 @@ impl<'a> Spread<'a> {
         Self { options, structure, step, solved, best, cloud, wider }
     }
 
-    /// What drawn values mean. A drawn delay stays near its interval, which knows more of it than a
-    /// straight line does.
+    /// The parameters of drawn values. A drawn delay stays near its interval, which is more accurate than linearisation.
     fn numbers(&self, mut values: Vec<f64>) -> Numbers {
         if let Some([from, to]) = self.solved.delay {
             let [from, to] = [from - 0.5 * (to - from), to + 0.5 * (to - from)];
@@ -405,7 +403,7 @@ impl<'a> Spread<'a> {
         self.cloud.as_ref().map(|c| c.models(self.options.draws, &build)).unwrap_or_default()
     }
 
-    /// Every number with its spread, `mean` being the operating input.
+    /// Every parameter with its spread; `mean` is the operating input.
     fn parameters(&self, units: &ProcessUnits<'_>, mean: f64) -> Vec<Parameter> {
         let Self { structure, best, wider, .. } = self;
         let complex = best.is_complex();
@@ -442,7 +440,7 @@ impl<'a> Spread<'a> {
     }
 }
 
-/// Σ e² of a fit over the samples behind the first `skip` of each record, each record's own mean taken off.
+/// Σ e² of a fit over the samples behind the first `skip` of each record, with each record's own mean subtracted.
 fn late(fitted: &Fitted<'_>, records: &[Record], skip: usize) -> f64 {
     let mut from = 0;
     let one = |r: &Record| {
@@ -454,7 +452,7 @@ fn late(fitted: &Fitted<'_>, records: &[Record], skip: usize) -> f64 {
     records.iter().map(one).sum()
 }
 
-/// All numbers of a fit with the derivatives by them.
+/// All parameters of a fit with the derivatives by them.
 fn finished(
     structure: ProcessStructure,
     fitted: Fitted<'_>,
@@ -470,7 +468,7 @@ fn finished(
     let mut values = theta.clone();
     values.push(place.delay());
     values.extend(signals.coefficients.iter().take(numerator));
-    // By the delay, which is the lag less g; where whole samples are all that shows, it is not known to move.
+    // The derivative by the delay, which is the lag minus g; with whole-sample delays it is treated as fixed.
     let fixed = problem.whole();
     let by_delay: Vec<f64> =
         signals.by_delay().iter().map(|v| if fixed { 0.0 } else { -v }).collect();
@@ -478,7 +476,7 @@ fn finished(
         signals.slopes.iter().take(structure.poles).cloned().collect();
     jacobian.push(by_delay);
     jacobian.extend(signals.linear.iter().cloned());
-    // Samples before the first that counts.
+    // Samples before the first used one.
     let skip = if initial == Initial::Estimated { max_delay } else { 0 };
     let counted = |column: &Vec<f64>| {
         let mut from = 0;
@@ -503,7 +501,7 @@ fn finished(
     })
 }
 
-/// The level of each record's output at the input 0 of `records`.
+/// The offset of each record's output at the input 0 of `records`.
 fn levels(
     shape: Shape,
     solved: &Solved,
@@ -519,7 +517,7 @@ fn levels(
     let one = |r: &Record| {
         let y = answer(shape, theta, place, coefficients, &r.u);
         let rest: Vec<f64> = r.y.iter().zip(&y).skip(skip).map(|(y, m)| y - m).collect();
-        // Level and starts together, by least squares.
+        // Offset and initial states together, by least squares.
         let mut columns = vec![vec![1.0; rest.len()]];
         if initial == Initial::Estimated {
             let still = vec![0.0; rest.len()];

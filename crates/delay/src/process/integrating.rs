@@ -1,7 +1,7 @@
-//! Dead times of plants that integrate: P0DI and P1DI, and whether a record is of such a plant.
+//! Dead times of integrating plants: P0DI and P1DI, and the test for such a plant.
 //!
-//! Equation: (τ̂, θ̂) = argmin Σ (y(t) − ŷ(t))², ŷ = K/s·e^(−τs)·u or K/(s(1 + T₁s))·e^(−τs)·u, with a slope and a level for each record (see `integrator`).
-//! How it can be wrong: a stable plant whose time constant is as long as the record; a load that changes within the record, which bends what the slope keeps straight.
+//! Equation: (τ̂, θ̂) = argmin Σ (y(t) − ŷ(t))², ŷ = K/s·e^(−τs)·u or K/(s(1 + T₁s))·e^(−τs)·u. Each record has a slope and an offset (see `integrator`). How
+//! it can be wrong: a stable plant with a time constant as long as the record. A load that changes within the record contradicts the constant slope.
 
 use super::chain::Shape;
 use super::family::{CONTINUOUS, EDGE, Fitted, RESOLVED};
@@ -21,15 +21,15 @@ use deadtime_signal::stop::Stop;
 
 /// The options of an integrating process model.
 ///
-/// Inputs: u, held between its samples, and y on one even grid; every record has a level of its own, and all share one slope. Output: seconds, positive = y lags u.
-/// The hold's own sample is in the model: nothing is taken off the answer, whatever degree bias was assumed.
+/// Inputs: u, held between its samples, and y on one even grid; every record has its own offset, and all share one slope. Output: seconds, positive = y lags u.
+/// The model contains the hold's own sample: no bias is subtracted from the estimate, for any assumed degree bias.
 ///
-/// Assumes: a plant that integrates, in open loop, and noise that does not depend on the input.
-/// Resolution and cost: a fraction of a sample; one filter pass for each place of a coarse grid, and a dozen descents.
-/// Interval: 95 % by the covariance under the autoregression that the residuals are fitted with, Student's quantile.
+/// Assumes: an integrating plant in open loop, and noise independent of the input.
+/// Resolution and cost: a fraction of a sample; one filter pass for each point of a coarse grid, and a dozen descents.
+/// Interval: 95 % by the covariance under the autoregression of the residuals, Student's quantile.
 /// Fails when: the plant settles (`contradicted` where the residuals follow the input); outputs are missing (`not_applicable`); the load changes within the record (biased).
-/// Source: MATLAB `procest`, idproc models P0DI and P1DI, for the models; Ljung (1999), "System Identification", 2nd ed., section 9.4, for the covariance; Akaike (1974), IEEE
-/// Trans. Autom. Control 19(6), 716-723, doi:10.1109/TAC.1974.1100705, for the choice between them.
+/// Source: MATLAB `procest`, idproc models P0DI and P1DI, for the models. Ljung (1999), "System Identification", 2nd ed., section 9.4, for the covariance. For
+/// the choice between them Akaike (1974), IEEE Trans. Autom. Control 19(6), 716-723, doi:10.1109/TAC.1974.1100705.
 ///
 /// # Example
 /// ```
@@ -122,7 +122,7 @@ impl Integrating {
 
 /// Rows beyond the longest delay.
 const LEAST_ROWS: usize = 20;
-/// What is said of residuals that follow the input.
+/// The note on residuals that follow the input.
 const LEFT: &str = "the residuals still follow the input: a plant of another shape, whose lag may be in the dead time";
 
 fn owned(records: &[Record<'_>]) -> Vec<Record<'static>> {
@@ -133,7 +133,7 @@ fn owned(records: &[Record<'_>]) -> Vec<Record<'static>> {
 struct Fit {
     solved: Solved,
     poles: usize,
-    /// Samples that count under the colour of the residuals.
+    /// Independent samples under the colour of the residuals.
     counting: f64,
 }
 
@@ -152,14 +152,14 @@ impl Fit {
         self.solved.residual.iter().map(|e| e * e).sum()
     }
 
-    /// By Akaike's criterion: a lag that is left out is a bias, one too many a little scatter.
+    /// By Akaike's criterion: an omitted lag is a bias, a redundant one a little variance.
     fn outdoes(&self, smaller: &Self) -> bool {
         let more = self.solved.jacobian.len().saturating_sub(smaller.solved.jacobian.len());
         let gain = smaller.counting * (smaller.cost() / self.cost().max(f64::MIN_POSITIVE)).ln();
         gain > 2.0 * more as f64
     }
 
-    /// The residuals visibly follow the input.
+    /// The residuals follow the input significantly.
     fn leaves(&self, records: &[Record<'static>], max_delay: usize) -> bool {
         let mut rows = self.solved.residual.iter().copied();
         let left: Vec<Record<'static>> = (records.iter().zip(&self.solved.lengths))
@@ -201,16 +201,15 @@ impl Fit {
     }
 }
 
-/// Share of the output's power below which no error is distinguishable from rounding.
+/// Share of the output's power below which an error is rounding.
 const ROUNDING: f64 = 1e-18;
-/// Longest part of a record that is looked at.
+/// Longest part of a record that is tested.
 const LOOKED_AT: usize = 4000;
 
-/// The finding of a plant that integrates, in open loop: a model that integrates holds the record, and one of two poles whose time constants the record shows several times
-/// fits it worse by more than chance.
+/// The finding of an integrating plant in open loop. An integrating model fits the record; a model of two visible poles fits it significantly worse.
 ///
-/// Equation: n·ln(Σe²(p2d)/Σe²(p1di)) ≥ the χ² point of two parameters, over the rows that both have; n counts the samples under the residuals' colour.
-/// How it can be wrong: a plant whose slowest time constant is as long as the record shows no difference and is taken for a stable one.
+/// Equation: n·ln(Σe²(p2d)/Σe²(p1di)) ≥ the χ² quantile of two parameters, over the common rows; n is the number of independent samples. How it can be wrong: a
+/// plant with a time constant as long as the record fits both models, and is reported as stable.
 pub(crate) fn integrates(records: &[Record<'_>], max_delay: usize) -> Option<Finding> {
     let max_delay = max_delay.max(1);
     let long = |r: &&Record<'_>| r.len() > max_delay + LEAST_ROWS;
@@ -233,8 +232,8 @@ pub(crate) fn integrates(records: &[Record<'_>], max_delay: usize) -> Option<Fin
     })
 }
 
-/// What the best stable model of two poles leaves of the last `lengths` samples of each record, Σ e²; the least of records from rest and of records in motion. None where it
-/// cannot be fitted.
+/// Σ e² of the best stable model of two poles over the last `lengths` samples of each record. The minimum over records from rest and in motion is used. `None`
+/// where the fit fails.
 fn stable(records: &[Record<'static>], max_delay: usize, lengths: &[usize]) -> Option<f64> {
     let shape = Shape { poles: 2, zero: false };
     let mean = stats::mean(records.iter().flat_map(|r| r.u.iter().copied())).unwrap_or(0.0);
@@ -289,7 +288,8 @@ mod tests {
     /// Standard deviations of the noise.
     const NOISE: std::ops::Range<f64> = 0.002..0.02;
 
-    /// A plant in steps of a tenth of a sample, each lag exact: an integrator behind a lag, or the lag alone, under noise by the largest output; input, output and dead time.
+    /// A plant in steps of 0.1 samples, each lag exact: an integrator behind a lag, or the lag alone. Noise is relative to the largest output. Returns input,
+    /// output and dead time.
     fn drawn(
         seed: u64,
         integrates: bool,
@@ -314,7 +314,7 @@ mod tests {
             y.push(if integrates { sum } else { x });
             for i in 0..10 {
                 let input = (10 * k + i).checked_sub(delay).map_or(0.0, |t| u[t / 10]);
-                // The mean of the lag's output over the step is what is integrated.
+                // The integrand is the mean of the lag's output over the step.
                 let mean =
                     if lag > 0.0 { input + (x - input) * lag / 0.1 * (1.0 - keeps) } else { input };
                 sum += 0.1 * mean;
@@ -342,7 +342,8 @@ mod tests {
         pair.findings.iter().any(|f| f.condition == Condition::Integrating)
     }
 
-    /// Six draws have every input with a lag and without one. All but one in twenty are recognised and held; the median width of their intervals, samples.
+    /// Six draws contain every input with a lag and without one. At least 95 % are recognised and covered; returns the median width of their intervals,
+    /// samples.
     fn recognised(seeds: std::ops::Range<u64>) -> f64 {
         let draws = (seeds.end - seeds.start) as usize;
         let (mut held, mut said, mut widths, mut missed) = (0, 0, Vec::new(), Vec::new());
@@ -368,7 +369,7 @@ mod tests {
     fn of_its_own_plant_almost_without_noise_each_method_has_the_exact_dead_time() {
         for seed in 0..12 {
             let (u, y, truth) = drawn(seed, true, 1e-7..2e-7);
-            // Draws of odd numbers have a lag.
+            // Draws of odd index have a lag.
             let name = ["p0di", "p1di"][(seed % 2) as usize];
             let asked = chosen(&[name.to_owned()], &Default::default(), &[Scope::Pair]).unwrap();
             let experiment = Experiment::siso(SampleTime::new(0.5).unwrap(), u, y).unwrap();

@@ -1,8 +1,8 @@
-//! Integrating process models: K/s·e^(−τs) and K/(s(1 + T·s))·e^(−τs), their own search over dead time and time constant.
+//! Integrating process models: K/s·e^(−τs) and K/(s(1 + T·s))·e^(−τs), with a search over dead time and time constant.
 //!
-//! Equation: y = K·(I(t − τ) − T·w(t)) + c·t + levels + decays, I the integral of the held input, w its response through 1/(1 + T·s)·e^(−τs); a lag takes a time constant's worth
-//! off the integral. c stands for an operating input that is not the records' mean. Everything but τ and T is linear and eliminated, as in `fit`.
-//! How it can be wrong: a plant with a slow pole rather than an integrator; a load that changes, which is a slope of its own.
+//! Equation: y = K·(I(t − τ) − T·w(t)) + c·t + offsets + decays, I the integral of the held input. w is the input's response through 1/(1 + T·s)·e^(−τs): a lag
+//! subtracts T·w from the integral. c represents an operating input that differs from the records' mean. Everything but τ and T is linear and eliminated, as in
+//! `fit`. How it can be wrong: a plant with a slow pole instead of an integrator. A changing load is a slope of its own.
 
 use super::fit::{Signals, project};
 use super::model::{ProcessModel, Slopes};
@@ -13,9 +13,9 @@ use deadtime_signal::fit::{LevenbergMarquardt, Normal};
 use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 
-/// What is fitted to what, time in samples.
+/// The data and the model of a fit, time in samples.
 pub(super) struct Integrator<'a> {
-    /// With a time constant besides.
+    /// With a time constant.
     pub(super) lag: bool,
     pub(super) records: &'a [Record<'static>],
     pub(super) max_delay: usize,
@@ -23,11 +23,11 @@ pub(super) struct Integrator<'a> {
     pub(super) mean: f64,
 }
 
-/// Time constants that are tried, samples.
+/// Tested time constants, samples.
 const LAGS: [f64; 7] = [0.5, 2.0, 5.0, 12.0, 30.0, 100.0, 300.0];
 /// Delays of the grid.
 const PLACES: usize = 80;
-/// Best places of the grid that are descended from.
+/// Best grid points from which a descent starts.
 const STARTS: usize = 4;
 /// Smallest time constant, samples.
 const LEAST_LAG: f64 = 0.05;
@@ -74,7 +74,7 @@ impl Integrator<'_> {
         Ok(solved)
     }
 
-    /// The lowest bottom of the valleys that the best places of a grid lie in.
+    /// The lowest of the local minima around the best grid points.
     fn best(&self, shortest: f64, most: f64) -> Option<Bottom> {
         let lags: Vec<Option<f64>> = if self.lag {
             LAGS.into_iter().filter(|l| *l <= shortest / 3.0).map(|l| Some(l.ln())).collect()
@@ -90,7 +90,7 @@ impl Integrator<'_> {
         }
         grid.sort_by(|a, b| a.0.total_cmp(&b.0));
         grid.truncate(STARTS);
-        // The cost of an integral bends slowly: halves of the stride lead to its bottom.
+        // The cost of an integral varies slowly: halving the stride finds its minimum.
         while stride > 1 {
             stride = stride.div_ceil(2);
             for at in &mut grid {
@@ -101,7 +101,7 @@ impl Integrator<'_> {
                 *at = found.fold(*at, |best, next| if next.0 < best.0 { next } else { best });
             }
         }
-        // One minimum for each sampling interval: that of the place, and those next to it.
+        // One minimum for each sampling interval: the point's own, and its neighbours.
         let descend = |(_, delay, lag): &(f64, usize, Option<f64>)| {
             let neighbours = delay.saturating_sub(1).max(1)..=(delay + 1).min(self.max_delay);
             let bottoms = neighbours.filter_map(|delay| self.descend(delay, *lag, most));
@@ -122,7 +122,7 @@ impl Integrator<'_> {
         Some(best)
     }
 
-    /// The bottom within one sampling interval.
+    /// The minimum within one sampling interval.
     fn descend(&self, delay: usize, lag: Option<f64>, most: f64) -> Option<Bottom> {
         let (mut start, mut lower, mut upper) = (vec![0.5], vec![0.0], vec![1.0]);
         if let Some(lag) = lag {
@@ -140,7 +140,7 @@ impl Integrator<'_> {
         fit.normal.cost.is_finite().then_some((fit.normal.cost, delay, fit.parameters))
     }
 
-    /// The output visibly follows the input: level and starts alone leave clearly more.
+    /// Tests that the output visibly follows the input: offset and initial states alone leave a significantly larger residual.
     fn visible(&self, signals: &Signals, by_delay: &[f64], cost: f64) -> Result<(), String> {
         let rest = signals.linear.get(1..).unwrap_or_default();
         let y: Vec<f64> = signals.model.iter().zip(&signals.residual).map(|(m, e)| m + e).collect();
@@ -159,7 +159,7 @@ impl Integrator<'_> {
         Ok(())
     }
 
-    /// The first sample that counts: where the input moves within the longest delay, what it was before the record matters until then.
+    /// The first used sample: where the input moves within the longest delay, earlier samples depend on the input before the record.
     fn first(&self, r: &Record) -> usize {
         let head = r.u.get(..self.max_delay.min(r.len())).unwrap_or_default();
         if head.windows(2).all(|w| w[0] == w[1]) { 0 } else { head.len() }
@@ -170,7 +170,7 @@ impl Integrator<'_> {
         Some(self.signals(delay, *g, lag.first().copied())?.normal(p.len()))
     }
 
-    /// Model and derivatives for a delay of `delay` − g samples; slopes by ln T where there is a T, then by g.
+    /// Model and derivatives for a delay of `delay` − g samples; slopes by ln T where T exists, then by g.
     fn signals(&self, delay: usize, g: f64, lag: Option<f64>) -> Option<Signals> {
         let IntegratorColumns { linear, by_lag, by_g, y } = self.columns(delay, g, lag)?;
         let total = y.len();
@@ -194,7 +194,7 @@ impl Integrator<'_> {
         Some(Signals { residual, model, linear, slopes, inverse, coefficients })
     }
 
-    /// What the outputs are made of.
+    /// The columns of the outputs.
     fn columns(&self, delay: usize, g: f64, lag: Option<f64>) -> Option<IntegratorColumns> {
         let counted: Vec<usize> = self.records.iter().map(|r| r.len() - self.first(r)).collect();
         let total: usize = counted.iter().sum();
@@ -206,7 +206,7 @@ impl Integrator<'_> {
         for (number, r) in self.records.iter().enumerate() {
             let (first, before) = (self.first(r), r.u.first()? - self.mean);
             let at = |t: usize| t.checked_sub(delay).map_or(before, |t| r.u[t] - self.mean);
-            // The integral up to a delay ago; before the record the input was what it is at first.
+            // The integral up to one delay ago; before the record the input equals its first value.
             let mut integral = -before * delay as f64;
             let slow = match lag {
                 None => None,
@@ -241,7 +241,7 @@ impl Integrator<'_> {
     }
 }
 
-/// What the outputs are made of, all records in a row, and the outputs.
+/// The columns of the outputs, all records in a row, and the outputs.
 struct IntegratorColumns {
     /// The response, time, and of each record its level and decay.
     linear: Vec<Vec<f64>>,
@@ -251,7 +251,7 @@ struct IntegratorColumns {
     y: Vec<f64>,
 }
 
-/// What comes of the input's motion behind a lag of e^`l` samples and a delay.
+/// The response to the input's motion behind a lag of e^`l` samples and a delay.
 fn through_the_lag(r: &Record, l: f64, delay_s: f64) -> Option<Slopes> {
     let moved: Vec<f64> = r.u.iter().map(|u| u - r.u[0]).collect();
     let model = ProcessModel { gain: 1.0, lags_s: vec![l.exp()], zero_s: None, delay_s };

@@ -1,4 +1,4 @@
-//! Process models of one to three poles with and without a zero.
+//! Process models of one to three poles, with or without a zero.
 
 mod chain;
 pub(crate) mod family;

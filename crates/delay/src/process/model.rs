@@ -1,4 +1,4 @@
-//! A process model as such: its response and what the response would change by, for bounds.
+//! A process model by itself: its response and derivatives, for bounds.
 
 use super::chain::{Chain, Row, Shape};
 use super::fit::{Place, combine};
@@ -17,19 +17,19 @@ pub struct ProcessModel {
     pub delay_s: f64,
 }
 
-/// A response from rest and its derivatives, one number per sample.
+/// A response from rest and its derivatives, one value per sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Slopes {
     /// ŷ.
     pub response: Vec<f64>,
     /// ∂ŷ/∂τ, per second.
     pub by_delay: Vec<f64>,
-    /// Derivatives by gain, zero and poles: between them they span what a change of these parameters can do.
+    /// Derivatives by gain, zero and poles: they span the effect of small changes of these parameters.
     pub by_others: Vec<Vec<f64>>,
 }
 
 impl ProcessModel {
-    /// The response to a held input, and its derivatives; `None` unless there are one to three time constants, all above 0, and a delay that is none below 0.
+    /// The response to a held input, and its derivatives. `None` unless there are one to three time constants, all above 0, and a delay not below 0.
     #[must_use]
     pub fn slopes(&self, u: &[f64], sample_time: SampleTime) -> Option<Slopes> {
         let step = sample_time.seconds();
@@ -51,7 +51,7 @@ impl ProcessModel {
                 .collect(),
             [] => return None,
         };
-        // The zero's signal comes in units of the only time constant, or of √(T₁T₂).
+        // The zero's signal is in units of the only time constant, or of √(T₁T₂).
         let unit =
             lags.iter().take(2).product::<f64>().powf(1.0 / if lags.len() > 1 { 2.0 } else { 1.0 });
         let weights = [self.gain, self.gain * self.zero_s.unwrap_or(0.0) / step / unit];

@@ -1,14 +1,14 @@
-//! One step shows little of the poles behind the slowest: whether a process model has poles enough is read from the fits of those with more.
+//! One step reveals little of the faster poles. Whether a process model has enough poles is decided by the fits of models with more.
 //!
-//! Equation: a model is outdone by one of d more parameters where N·ln(V/V′) > d·ln N (Schwarz's criterion), N counting independent samples.
-//! How it can be wrong: under noise a pole is not seen that still delays; then models of few and of many poles count both, and differ.
+//! Equation: a model is outperformed by one of d more parameters where N·ln(V/V′) > d·ln N (Schwarz's criterion), N the number of independent samples. How it
+//! can be wrong: noise hides a pole that still delays the response. Models of few and of many poles are then both used, and differ.
 //! Source: Schwarz (1978), Annals of Statistics 6(2), 461-464, doi:10.1214/aos/1176344136.
 
 use crate::estimate::{DelayEstimate, Misfit};
 use crate::method::Method;
 
 impl Misfit {
-    /// A model of more parameters fits better than they let expect.
+    /// A model of more parameters fits better than Schwarz's penalty allows.
     fn is_outdone(&self, by: &Self) -> bool {
         let gain = by.counting * (self.log_cost - by.log_cost);
         by.parameters > self.parameters
@@ -16,7 +16,7 @@ impl Misfit {
     }
 }
 
-/// Marks the answers of process models on a record of one step, or of several inputs: what a larger model outdoes, and what has poles enough.
+/// Marks the estimates of process models on a record of one step, or of several inputs. Marked are outperformed models and models with enough poles.
 pub(crate) fn judge_orders<'a>(answers: impl Iterator<Item = (&'a Method, &'a mut DelayEstimate)>) {
     let mut fitted: Vec<(&Method, &mut DelayEstimate, Misfit)> =
         answers.filter_map(|(m, e)| e.misfit.as_deref().copied().map(|fit| (m, e, fit))).collect();

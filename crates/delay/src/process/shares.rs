@@ -1,8 +1,8 @@
-//! What each of several inputs does to one output, so that what the others do can be taken off before one input is looked at.
+//! The response of one output to each of several inputs, so that the effect of the others can be subtracted.
 //!
-//! Equation: y − Σ ŷ_j over the other inputs j, ŷ_j = K_j/((1 + T₁s)(1 + T₂s))·e^(−τ_j·s)·u_j, all inputs fitted together, each through two poles of its own.
-//! How it can be wrong: of a plant of another shape a part of what the others do stays, which is noise to this input where the inputs do not move together. Where they do,
-//! what one does may be given to another.
+//! Equation: y − Σ ŷ_j over the other inputs j, ŷ_j = K_j/((1 + T₁s)(1 + T₂s))·e^(−τ_j·s)·u_j. All inputs are fitted together, each through two poles of its
+//! own. How it can be wrong: a plant of another shape leaves a residual of the other inputs. For uncorrelated inputs it is noise. With correlated inputs, the
+//! effect of one may be attributed to another.
 
 use std::borrow::Cow;
 
@@ -14,23 +14,23 @@ use crate::process::fit::several::Own;
 use deadtime_identify::{Initial, Record};
 use deadtime_signal::stop::Stop;
 
-/// Samples of each record that the models are fitted to: inputs may move one after the other.
+/// Samples of each record in the fit: inputs may move one after the other.
 const FITTED: usize = 20_000;
 
-/// The models of every input of one output that visibly does something.
+/// The models of every input with a visible effect on one output.
 pub(crate) struct Shares(Vec<Option<Own>>);
 
-/// From where an output is measured.
+/// The reference level of an output.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Measured {
     /// Its mean.
     FromMean,
-    /// The level at which it rests.
+    /// Its level at rest.
     FromRest,
 }
 
 impl Shares {
-    /// Fits all inputs of an experiment to its only output; `None` of one input.
+    /// Fits all inputs of an experiment to its only output; `None` for one input.
     ///
     /// # Errors
     /// [`DelayError::Count`] for an experiment without channels or records.
@@ -60,13 +60,13 @@ impl Shares {
         Ok(Some(Self(problem.acting())))
     }
 
-    /// The share of the output's power that every other input makes, of those that make any.
+    /// The share of the output's power caused by every other input with an effect.
     pub(crate) fn of_others(&self, input: usize) -> Vec<(usize, f64)> {
         let others = self.0.iter().enumerate().filter(|(other, _)| *other != input);
         others.filter_map(|(other, own)| Some((other, own.as_ref()?.share))).collect()
     }
 
-    /// The pair of `input` and the output of `together`, less what the other inputs do; `together` as [`Experiment::towards`] makes it.
+    /// The pair of `input` and the output of `together`, minus the responses to the other inputs; `together` is made by [`Experiment::towards`].
     pub(crate) fn without_others<'a>(
         &self,
         together: &Experiment<'_>,

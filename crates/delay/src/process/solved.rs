@@ -1,20 +1,19 @@
-//! A process model fitted by least squares, and one step on to the estimate under the noise's own
-//! colour.
+//! A process model fitted by least squares, and one further step to the estimate under the noise's own colour.
 
 use deadtime_identify::{Coloured, coloured};
 use deadtime_signal::stats::interval95;
 
 /// A fit by least squares, time in samples.
 pub(super) struct Solved {
-    /// ln T₁, or ln a and ρ (see `chain`); the delay; K and what stands for the zero, or K and the slope that a wrong operating input makes.
+    /// ln T₁, or ln a and ρ (see `chain`); the delay; K; the zero's parameter. For an integrator K and the slope of a wrong operating input.
     pub(super) values: Vec<f64>,
-    /// Derivatives of the model by these, then by what else was fitted, all records in a row; zeros where a number is not known to move.
+    /// Derivatives of the model by these, then by the other fitted parameters, all records in a row; zeros for a parameter treated as fixed.
     pub(super) jacobian: Vec<Vec<f64>>,
     /// y − ŷ.
     pub(super) residual: Vec<f64>,
     /// Samples of each record.
     pub(super) lengths: Vec<usize>,
-    /// The 95 % interval of the delay, where it is not that of the covariance.
+    /// The 95 % interval of the delay, where it is not from the covariance.
     pub(super) delay: Option<[f64; 2]>,
     /// The noise, and the covariance under it; absent where the parameters are indistinguishable.
     pub(super) noise: Option<Coloured>,
@@ -23,11 +22,12 @@ pub(super) struct Solved {
     pub(super) notes: Vec<String>,
 }
 
-/// A step of a logarithm or a sample of delay that is too long to be a straight line.
+/// A step of a logarithm or of the delay, samples, beyond which linearisation fails.
 const LONG: f64 = 0.5;
 
 impl Solved {
-    /// One step on to the estimate under the noise's own colour, unless it is too long for one; the covariance in any case. `levels`: the derivatives have none of each record's level.
+    /// One further step to the estimate under the noise's own colour, unless it exceeds [`LONG`]; always the covariance. `levels`: the derivatives contain no
+    /// offset of each record.
     pub(super) fn weigh(&mut self, poles: usize, levels: bool) {
         self.noise = coloured(&self.jacobian, &self.residual, &self.lengths, levels);
         let Some(noise) = &self.noise else { return };
@@ -37,7 +37,7 @@ impl Solved {
                 *value += change;
             }
             self.values[poles] = self.values[poles].max(0.0);
-            // Where the delay may be moves with it, and is no narrower than what the covariance says.
+            // The delay's interval moves with it, and is at least that of the covariance.
             let (delay, std) =
                 (self.values[poles], noise.covariance[(poles, poles)].max(0.0).sqrt());
             let [low, high] = interval95(delay, std);

@@ -1,4 +1,4 @@
-//! Which process model is fitted, and what its numbers mean.
+//! The structure of a process model, and the meaning of its parameters.
 
 use super::chain::{LEAST_RATIO, MOST_RATIO, REAL_RATIO, Shape};
 use deadtime_identify::subspace::InnovationsModel;
@@ -7,7 +7,7 @@ use deadtime_model::{Continuous, StateSpace};
 use deadtime_signal::time::SampleTime;
 use nalgebra::DMatrix;
 
-/// What is fitted.
+/// The fitted structure.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ProcessStructure {
     pub(super) poles: usize,
@@ -15,20 +15,20 @@ pub(super) struct ProcessStructure {
     pub(super) integrates: bool,
 }
 
-/// The numbers of a process model.
+/// The parameters of a process model.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Numbers {
     gain: f64,
-    /// T₁ + T₂ and T₁·T₂; T₁ and 0 of one pole; zeros of none. s and s².
+    /// T₁ + T₂ and T₁·T₂; for one pole T₁ and 0; for none zeros. s and s².
     lags: [f64; 2],
     zero_s: f64,
     delay_s: f64,
-    /// What the operating input is off the one that the record was centred by.
+    /// The operating input minus the input mean of its record.
     pub(super) offset: f64,
 }
 
 impl ProcessStructure {
-    /// The name of the method that fits it.
+    /// The name of the corresponding method.
     pub(super) fn method(self) -> &'static str {
         match (self.integrates, self.poles, self.zero) {
             (true, 0, _) => "p0di",
@@ -45,7 +45,7 @@ impl ProcessStructure {
         Shape { poles: self.poles, zero: self.zero }
     }
 
-    /// What fitted values mean, `step` being the sample time, s.
+    /// The parameters of fitted values; `step` is the sample time, s.
     pub(super) fn numbers(self, values: &[f64], step: f64, real: bool) -> Numbers {
         let (theta, rest) = values.split_at(self.poles);
         let lags = match theta {
@@ -120,7 +120,7 @@ impl Numbers {
         list
     }
 
-    /// The model in continuous time; `None` where the numbers make none.
+    /// The model in continuous time; `None` where the parameters define none.
     pub(super) fn system(&self, structure: ProcessStructure) -> Option<StateSpace<Continuous>> {
         let ([sum, product], gain) = (self.lags, self.gain);
         let (a, b, c, d) = match (structure.poles, structure.integrates) {
@@ -154,7 +154,7 @@ impl Numbers {
     }
 }
 
-/// The model as sampled behind a hold, and the whole samples of its delay.
+/// The model sampled behind a hold, and the whole samples of its delay.
 pub(super) fn sampled(
     system: &StateSpace<Continuous>,
     step: SampleTime,
@@ -173,7 +173,7 @@ pub(super) fn sampled(
     ))
 }
 
-/// Units of what a process model has.
+/// Units of the parameters of a process model.
 pub(super) struct ProcessUnits<'a> {
     pub(super) input: Option<&'a str>,
     pub(super) output: Option<&'a str>,
@@ -181,7 +181,7 @@ pub(super) struct ProcessUnits<'a> {
 }
 
 impl ProcessUnits<'_> {
-    /// The unit of a number, by its name.
+    /// The unit of a parameter, by its name.
     pub(super) fn of(&self, name: &str) -> Option<String> {
         match name {
             "zeta" => None,

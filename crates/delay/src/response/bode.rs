@@ -1,9 +1,9 @@
 //! The slope of the phase that the magnitude does not explain.
 //!
-//! Equation: H = ±|H|·e^(iφ_mp)·e^(−iωτ), with φ_mp(ω) = (1/π)·∫ (d ln|H|/dν)·ln coth|ν/2| dν, ν = ln(u/ω); τ̂ is the slope of what φ_mp leaves of the phase.
+//! Equation: H = ±|H|·e^(iφ_mp)·e^(−iωτ), with φ_mp(ω) = (1/π)·∫ (d ln|H|/dν)·ln coth|ν/2| dν, ν = ln(u/ω). τ̂ is the slope of the phase minus φ_mp.
 //!
-//! ln|H| is taken as straight between the frequencies over ln ω, and beyond the ends as straight on. How it goes on there nobody knows: a slope of one more pole above the last
-//! frequency ω_N turns the phase below like a delay of 2/(π·ω_N), and that is the interval's systematic part.
+//! ln|H| is linear over ln ω between the frequencies, and extrapolated linearly beyond the ends. The true continuation is unknown. One more pole above the last
+//! frequency ω_N turns the phase below like a delay of 2/(π·ω_N). The phase error of such a pole is the interval's systematic part.
 
 use nalgebra::Complex;
 
@@ -17,12 +17,12 @@ use deadtime_signal::stats::{self, NORMAL_95};
 
 /// Inputs: H(iω) at N frequencies. Output: seconds.
 ///
-/// Assumes: a plant without zeros in the right half-plane and stable (minimum phase but for the delay), frequencies dense enough that ln|H| is straight between them, resonances
-/// included.
-/// Resolution and cost: ±0.64/ω_N by what is beyond the last frequency ω_N; O(N²).
-/// Fails when: zeros lie in the right half-plane (each adds 2/z), few frequencies stand on a resonance, or the phase knows of several delays (`flat`).
-/// Source: Bode (1945), "Network Analysis and Feedback Amplifier Design", chapter XIV, for the relation between magnitude and phase. How to go on beyond the ends is left open there: the
-/// mean slope of the last half octave.
+/// Assumes: a stable plant without zeros in the right half-plane (minimum phase except for the delay). The frequencies are so dense that ln|H| is linear
+/// between them, resonances included.
+/// Resolution and cost: ±0.64/ω_N by the continuation beyond the last frequency ω_N; O(N²).
+/// Fails when: zeros lie in the right half-plane (each adds 2/z), few frequencies are on a resonance, or several delays fit the phase (`flat`).
+/// Source: Bode (1945), "Network Analysis and Feedback Amplifier Design", chapter XIV, for the relation between magnitude and phase. The book leaves the
+/// extrapolation open; here it is the mean slope of the last half octave.
 ///
 /// # Example
 /// ```
@@ -54,11 +54,11 @@ pub(super) const METHOD: ResponseMethod = ResponseMethod {
     blind_to: "zeros in the right half-plane: it takes them for delay; what is beyond the last frequency",
 };
 
-/// Delays tried in a turn of the highest frequency.
+/// Delays tested per period of the highest frequency.
 const STEPS: f64 = 16.0;
-/// Below it the first terms of the power series are as good as all.
+/// Below this value the first terms of the power series suffice.
 const NEAR: f64 = 0.1;
-/// Another delay at which the phases add up to this share of the best is as good.
+/// Another delay is equivalent from this share of the best phase sum.
 const AS_GOOD: f64 = 0.97;
 
 impl ResponseEstimator for BodePhase {
@@ -89,7 +89,7 @@ impl ResponseEstimator for BodePhase {
         }
         let PhaseLine { tau, rest, squares } = phases.line(step * at as f64);
         let (total, freedom) = (phases.total, (count - 1.0).max(1.0));
-        // The variance of a phase of mean weight; errors that follow each other, as the straight lines' do, are counted as a quarter as many.
+        // The variance of a phase of mean weight; correlated errors, as those of linear interpolation, count as 25 %.
         let noise = (4.0 * rest / total * count / freedom * total / count / squares).sqrt();
         let systematic = 2.0 / (std::f64::consts::PI * last);
         let std = noise.hypot(systematic / 3.0_f64.sqrt());
@@ -117,7 +117,7 @@ impl ResponseEstimator for BodePhase {
     }
 }
 
-/// The phases that the magnitude does not explain, of length 1, each with its weight.
+/// The phases that the magnitude does not explain, as unit phasors, each with its weight.
 struct Phases<'a> {
     omega: &'a [f64],
     left: Vec<Complex<f64>>,
@@ -126,7 +126,7 @@ struct Phases<'a> {
     total: f64,
 }
 
-/// The straight line through the phases, in radians: its slope, what it leaves, and Σ weight·ω².
+/// The straight line through the phases, in radians: its slope, its residual, and Σ weight·ω².
 struct PhaseLine {
     tau: f64,
     rest: f64,
@@ -155,12 +155,12 @@ impl<'a> Phases<'a> {
         self.left.iter().zip(self.omega).zip(&self.weights).map(|((p, w), weight)| (p, w, weight))
     }
 
-    /// What the phases add up to behind a delay.
+    /// The weighted sum of the phasors behind a delay.
     fn sum(&self, tau: f64) -> f64 {
         self.each().map(|(p, w, weight)| weight * (p * Complex::cis(w * tau)).re).sum()
     }
 
-    /// Around the best of the grid the phases are small: a straight line through them.
+    /// A straight line through the phases, which are small around the best grid delay.
     fn line(&self, mut tau: f64) -> PhaseLine {
         let (mut rest, mut squares) = (0.0, 1.0);
         for _ in 0..4 {
@@ -205,7 +205,7 @@ fn minimum_phase(omega: &[f64], values: &[Complex<f64>]) -> Vec<f64> {
         .collect()
 }
 
-/// The slope of a straight line through what is within half an octave of the first, at least four points.
+/// The slope of a straight line through the points within half an octave of the first, at least four.
 fn end_slope(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let Some((end, _)) = points.clone().next() else { return 0.0 };
     let near: Vec<(f64, f64)> = points
@@ -219,7 +219,7 @@ fn end_slope(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     near.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>() / power.max(f64::MIN_POSITIVE)
 }
 
-/// ∫₀^ν ln coth|t/2| dt, odd: π²/4 − 2·Σ e^(−k|ν|)/k² over odd k for ν above 0, and near 0, where that converges slowly, ν·(1 − ln ν/2) + ν³/36.
+/// ∫₀^ν ln coth|t/2| dt, odd: π²/4 − 2·Σ e^(−k|ν|)/k² over odd k for ν above 0. Near 0, where that converges slowly: ν·(1 − ln ν/2) + ν³/36.
 fn integral(nu: f64) -> f64 {
     let size = nu.abs();
     if size == 0.0 {
@@ -252,7 +252,7 @@ mod tests {
             .map(|(p, w)| (p + w.atan()).abs())
             .fold(0.0, f64::max);
         assert!(worst < 2e-3, "{worst}");
-        // An integrator is straight: a quarter turn everywhere.
+        // An integrator is a straight line: a quarter turn everywhere.
         let integrator: Vec<Complex<f64>> =
             omega.iter().map(|w| Complex::new(0.0, *w).inv()).collect();
         assert!(

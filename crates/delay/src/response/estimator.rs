@@ -7,12 +7,12 @@ use deadtime_log::FrequencyResponse;
 use deadtime_signal::registry::Entry;
 use deadtime_signal::stop::Stop;
 
-/// How far to search.
+/// The search window.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResponseSearch {
     /// Longest delay, s.
     pub max_delay_s: f64,
-    /// Looked at inside long scans.
+    /// Cancellation, checked inside long scans.
     pub stop: Stop,
 }
 
@@ -21,7 +21,7 @@ pub trait ResponseEstimator: Send + Sync {
     /// The delay of a response.
     ///
     /// # Errors
-    /// [`DelayError`] where the data cannot be used at all; what the data do not show is an [`Outcome`](crate::estimate::Outcome).
+    /// [`DelayError`] for unusable data. Data without a visible delay are an [`Outcome`](crate::estimate::Outcome).
     fn estimate(
         &self,
         response: &FrequencyResponse,
@@ -33,11 +33,11 @@ pub trait ResponseEstimator: Send + Sync {
 pub struct ResponseMethod {
     /// Name, summary and options.
     pub entry: Entry<dyn ResponseEstimator>,
-    /// What it sees a response by.
+    /// Its class of evaluation.
     pub class: Class,
-    /// What it needs, in a few words.
+    /// Its needs, in a few words.
     pub needs: &'static str,
-    /// What it cannot see, in a few words.
+    /// Effects that it cannot detect, in a few words.
     pub blind_to: &'static str,
 }
 

@@ -1,7 +1,8 @@
 //! A rational function times a delay, fitted to a frequency response.
 //!
-//! Equation: min Σ w²·|H(iω) − e^(−iωτ)·B(iω)/A(iω)|², A monic with its roots in the left half-plane, or slower than half the lowest frequency. For a given τ the poles and zeros come from linear least squares
-//! repeated with the last A as a weight; from the best delays of a grid all parameters and τ descend together.
+//! Equation: min Σ w²·|H(iω) − e^(−iωτ)·B(iω)/A(iω)|², A monic with its roots in the left half-plane, or slower than half the lowest frequency. For a given τ,
+//! linear least squares repeated with the last A as a weight gives poles and zeros. From the best delays of a grid, a descent refines all parameters and τ
+//! together.
 //!
 //! Source: Sanathanan and Koerner (1963), IEEE Trans. Autom. Control 8(1), 56-58, doi:10.1109/TAC.1963.1105517, for the repetition.
 
@@ -11,12 +12,12 @@ use deadtime_signal::fit::{LevenbergMarquardt, Normal};
 use deadtime_signal::roots;
 use deadtime_signal::stop::Stop;
 
-/// What is fitted: frequencies in units of one, so that powers stay near 1.
+/// The data of a fit: frequencies in units of one, so that powers stay near 1.
 #[derive(Debug, Clone)]
 pub(super) struct Points {
     pub(super) x: Vec<f64>,
     pub(super) h: Vec<Complex<f64>>,
-    /// One over the standard deviation, but for a common factor.
+    /// One over the standard deviation, up to a common factor.
     pub(super) w: Vec<f64>,
 }
 
@@ -50,17 +51,17 @@ impl FittedFraction {
     }
 }
 
-/// Repetitions at each delay of the grid: each begins with the A of the delay before.
+/// Iterations at each delay of the grid; each starts with the A of the previous delay.
 const SWEEPS: usize = 3;
-/// Repetitions before the descent.
+/// Iterations before the descent.
 const SETTLED: usize = 12;
-/// Minima of the grid that are descended from, for each pair of orders.
+/// Grid minima from which a descent starts, for each pair of orders.
 const MINIMA: usize = 3;
-/// Relative size of what keeps normal equations solvable.
+/// Relative ridge that keeps normal equations solvable.
 const RIDGE: f64 = 1e-13;
 
 impl Points {
-    /// Every `stride`th.
+    /// Every `stride`th point.
     pub(super) fn thinned(&self, stride: usize) -> Self {
         let each = |v: &[f64]| v.iter().step_by(stride.max(1)).copied().collect();
         Self {
@@ -135,7 +136,7 @@ impl Points {
         found
     }
 
-    /// Coefficients and cost by linear least squares at a given delay, repeated.
+    /// Coefficients and cost by iterated linear least squares at a given delay.
     fn linear(
         &self,
         orders: Orders,
@@ -170,7 +171,7 @@ impl Points {
             {
                 best = Some((coefficients, cost));
             }
-            // Without poles there is nothing to repeat.
+            // Without poles no iteration is needed.
             if orders.poles == 0 {
                 break;
             }
@@ -214,7 +215,7 @@ impl Points {
         solved(n + m, entry, target)
     }
 
-    /// The numerator that suits a denominator best.
+    /// The best numerator for a denominator.
     fn numerator(&self, orders: Orders, z: &[Complex<f64>], a: &[f64]) -> Option<Vec<f64>> {
         let m = orders.zeros + 1;
         let (mut gram, mut right) = (vec![0.0; 2 * m], vec![0.0; m]);
@@ -256,12 +257,12 @@ impl Points {
             .map(move |((x, h), w)| (h - model(a, b, delay, *x)) * *w)
     }
 
-    /// What a model leaves over, in units of the weights.
+    /// The residuals of a model, in units of the weights.
     pub(super) fn left(&self, fitted: &FittedFraction) -> Vec<Complex<f64>> {
         self.residuals(fitted.orders, &fitted.coefficients, fitted.delay).collect()
     }
 
-    /// All parameters and the delay together.
+    /// Descends over all parameters and the delay together.
     fn descended(
         &self,
         orders: Orders,
@@ -373,7 +374,7 @@ fn model(a: &[f64], b: &[f64], delay: f64, x: f64) -> Complex<f64> {
     Complex::cis(-x * delay) * horner(b, Complex::new(0.0, x)) / monic(a, x)
 }
 
-/// A with its roots mirrored into the left half-plane; `None` where they are there already, or smaller than `slow`: an integrator, on whichever side noise puts it.
+/// A with its roots mirrored into the left half-plane. `None` where they are there already, or smaller than `slow`: an integrator, on either side by noise.
 fn stable(a: &[f64], slow: f64) -> Option<Vec<f64>> {
     // A root of 0 is an integrator, on the edge and allowed.
     let first = a.iter().position(|c| *c != 0.0)?;
@@ -397,7 +398,7 @@ fn stable(a: &[f64], slow: f64) -> Option<Vec<f64>> {
     Some(mirrored)
 }
 
-/// The solution of symmetric equations, columns scaled alike.
+/// The solution of symmetric equations, with equally scaled columns.
 fn solved(
     count: usize,
     entry: impl Fn(usize, usize) -> f64,

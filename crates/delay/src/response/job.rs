@@ -13,26 +13,26 @@ use deadtime_signal::stop::Stop;
 use serde_json::Value;
 use std::time::Instant;
 
-/// Everything that an estimation from a frequency response needs; [`ResponseJob::new`] has every method and the defaults.
+/// The configuration of an estimation from a frequency response; [`ResponseJob::new`] has every method and the defaults.
 pub struct ResponseJob {
     /// The response.
     pub response: FrequencyResponse,
-    /// What its input and its output are called.
+    /// The names of its input and its output.
     pub channels: [String; 2],
     /// Names of methods, or `all`.
     pub methods: Vec<String>,
     /// Options by method, JSON objects.
     pub options: std::collections::BTreeMap<String, Value>,
-    /// Longest delay to search, s. `None`: forty periods of the highest frequency, at most half of the longest delay that the distance of the frequencies resolves.
+    /// Longest delay to search, s. `None`: 40 periods of the highest frequency, at most half of the longest delay that the frequency spacing resolves.
     pub max_delay_s: Option<f64>,
-    /// Looked at between methods, and inside long scans.
+    /// Cancellation, checked between methods, and inside long scans.
     pub stop: Stop,
 }
 
-/// A highest frequency of less than this times the lowest is a narrow band.
+/// A band is narrow if its highest frequency is below this multiple of the lowest.
 pub(super) const NARROW: f64 = 4.0;
 
-/// Default search: so many periods of the highest frequency.
+/// Default search window in periods of the highest frequency.
 pub(super) const PERIODS: f64 = 40.0;
 
 impl ResponseJob {
@@ -49,10 +49,11 @@ impl ResponseJob {
         }
     }
 
-    /// Estimates by every method asked for.
+    /// Estimates by every requested method.
     ///
     /// # Errors
-    /// `RegistryError` for a name or an option that there is not; [`DelayError::Turns`] for a search beyond what the frequencies resolve; [`crate::error::Error::Stopped`].
+    /// `RegistryError` for an unknown name or option; [`DelayError::Turns`] for a window beyond the resolution of the frequencies;
+    /// [`crate::error::Error::Stopped`].
     pub fn run(&self) -> Result<Report> {
         let response = &self.response;
         let (first, last) = ends(response);
@@ -75,7 +76,7 @@ impl ResponseJob {
             answers.push((method, estimate, clock.elapsed().as_secs_f64()));
         }
         let verdict = verdict(&answers, max_delay_s, last / first);
-        // As fine as numbers are printed.
+        // The resolution of printed values.
         let half = verdict.ci95_s.map_or(f64::INFINITY, |[from, to]| 0.5 * (to - from)).max(1e-9);
         let estimates =
             answers.iter().map(|(m, e, time_s)| Estimate::of_response(m, e, *time_s)).collect();
@@ -108,8 +109,8 @@ impl ResponseJob {
     }
 }
 
-/// The first of the list that found a delay which its own leftovers do not contradict; who else holds it in the interval agrees. Where the others differ the answer stays that
-/// of the first, as it weighs how many poles there are, and the others do not; but it is said.
+/// The verdict is the first method of the list with a delay that its own residuals do not contradict; methods whose interval holds it agree. Disagreement is
+/// reported, and the first method's estimate stays: only that method weighs the number of poles.
 pub(super) fn verdict(
     answers: &[(&ResponseMethod, DelayEstimate, f64)],
     max_delay_s: f64,
@@ -159,13 +160,13 @@ pub(super) fn verdict(
     }
 }
 
-/// What a method says that found nothing.
+/// The note of a method without a delay.
 fn silent(method: &ResponseMethod, estimate: &DelayEstimate) -> String {
     let note = estimate.note.as_deref().map_or_else(String::new, |n| format!(" ({n})"));
     format!("{} says {}{note}", method.entry.name, estimate.outcome.name().replace('_', " "))
 }
 
-/// Who says so, who agrees and who says otherwise, and what makes it doubtful.
+/// The selected method, those that agree or disagree, and the reservations.
 fn why(name: &str, grounds: &Grounds) -> String {
     let mut why = match grounds.agree.get(1..) {
         Some(others) if !others.is_empty() => {

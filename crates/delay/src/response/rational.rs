@@ -1,7 +1,7 @@
-//! The delay fitted together with poles and zeros, the numbers of poles and zeros weighed by Schwarz's criterion.
+//! The delay fitted together with poles and zeros; Schwarz's criterion weights the numbers of poles and zeros.
 //!
-//! Equation: (τ̂, Â, B̂) = argmin Σ |H(iωₖ) − e^(−iωₖτ)·B(iωₖ)/A(iωₖ)|²/σₖ² for each number of poles n and of zeros m ≤ n; each minimum has the weight
-//! V^(−N)·N^(−p/2) of Schwarz's criterion, V the mean square left over, N real numbers, p parameters.
+//! Equation: (τ̂, Â, B̂) = argmin Σ |H(iωₖ) − e^(−iωₖτ)·B(iωₖ)/A(iωₖ)|²/σₖ² for each number of poles n and of zeros m ≤ n. Each minimum has the weight
+//! V^(−N)·N^(−p/2) of Schwarz's criterion, V the mean square residual, N real numbers, p parameters.
 
 use nalgebra::Complex;
 use rayon::prelude::*;
@@ -20,15 +20,16 @@ use deadtime_signal::registry::entry;
 /// Inputs: H(iω) at N frequencies, of a continuous plant, with its coherence or standard deviations if known. Output: seconds. The half sample of a hold, where H is that of a sampled
 /// plant behind one, is part of the delay.
 ///
-/// Assumes: a stable plant (an integrator is on the edge and allowed) of at most `max_poles` poles and as many zeros; errors of H that are alike, in proportion to H or as the
-/// coherence or the standard deviations say; where nothing is said, the first two are both tried and weighed.
-/// Resolution and cost: a fraction of the highest frequency's period, down to the Cramér-Rao bound; some thousand small least-squares problems.
-/// Interval: the 95 % of all minima of all orders, each weighed by Schwarz's criterion: a pole beyond the last frequency and a longer delay look alike, and so do delays a
-/// turn apart; where they do, the interval holds both. Errors that follow each other over frequency (windowed spectra) count as fewer.
-/// Fails when: the plant has more poles than allowed (contradicted: the residual is smooth), is unstable, or the band is so narrow that any lag is a delay (`flat`). A zero in the
-/// right half-plane beyond the last frequency is indistinguishable from a delay; inside the band it is found and reported.
-/// Source: Sanathanan and Koerner (1963), doi:10.1109/TAC.1963.1105517, for poles and zeros at a given delay; Pintelon and Van Biesen (1990), IEEE Trans. Instrum. Meas. 39(6),
-/// 932-938, doi:10.1109/19.65798, for the delay as a parameter of the same fit; Schwarz (1978), doi:10.1214/aos/1176344136, for the weights.
+/// Assumes: a stable plant (an integrator is on the edge and allowed) of at most `max_poles` poles and as many zeros. Errors of H that are equal, proportional
+/// to H, or given by coherence or standard deviations. Without given errors the first two are both tested and weighted.
+/// Resolution and cost: a fraction of the highest frequency's period, down to the Cramér-Rao bound; about 1000 small least-squares problems.
+/// Interval: the 95 % of all minima of all orders, weighted by Schwarz's criterion. A pole beyond the last frequency is an alias of a longer delay, and so are
+/// delays one turn apart. The interval holds all such aliases. Errors correlated over frequency (windowed spectra) count as fewer.
+/// Fails when: the plant is unstable, or has more poles than allowed (contradicted: the residual is smooth). In a very narrow band any lag is a delay (`flat`).
+/// A zero in the right half-plane beyond the last frequency is indistinguishable from a delay; inside the band it is found and reported.
+/// Source: Sanathanan and Koerner (1963), doi:10.1109/TAC.1963.1105517, for poles and zeros at a given delay. Pintelon and Van Biesen (1990), IEEE Trans.
+/// Instrum. Meas. 39(6), 932-938, doi:10.1109/19.65798, for the delay as a parameter of the same fit. Schwarz (1978), doi:10.1214/aos/1176344136, for the
+/// weights.
 ///
 /// # Example
 /// ```
@@ -47,7 +48,7 @@ use deadtime_signal::registry::entry;
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Rational {
-    /// Most poles that are tried; default 6, at most 10.
+    /// Largest number of poles tested; default 6, at most 10.
     pub max_poles: usize,
 }
 
@@ -70,17 +71,17 @@ pub(super) const METHOD: ResponseMethod = ResponseMethod {
     blind_to: "zeros in the right half-plane and poles beyond the last frequency: they look like delay and lag",
 };
 
-/// Delays tried in a turn of the highest frequency.
+/// Delays tested per period of the highest frequency.
 const STEPS: f64 = 4.0;
-/// Frequencies that are enough for a scan over delays.
+/// Number of frequencies that suffices for a scan over delays.
 const SCANNED: usize = 300;
-/// Most poles that may be asked for.
+/// Upper bound of the option `max_poles`.
 const MOST: usize = 10;
-/// A minimum lighter than this, relative to the best, is left out.
+/// A minimum below this weight, relative to the best, is left out.
 const LIGHT: f64 = 1e-6;
-/// Further poles and zeros that make a delay this much more uncertain are held by nothing.
+/// Increase of the delay's standard deviation from which further poles and zeros are undetermined.
 const VAGUE: f64 = 3.0;
-/// Neighbouring leftovers this alike show a plant of another shape.
+/// Correlation of neighbouring residuals from which the plant has another shape.
 const SMOOTH: f64 = 0.6;
 
 /// A minimum with its weighting and its criterion.
@@ -104,7 +105,7 @@ impl ResponseEstimator for Rational {
         let unit = (first * last).sqrt();
         let weightings = weightings(response, unit);
         let numbers = 2.0 * response.omega_rad_s().len() as f64;
-        // Twice as many numbers as parameters at least.
+        // At least twice as many numbers as parameters.
         let poles = self.max_poles.min(((0.5 * numbers - 2.0) / 2.0).max(0.0) as usize);
         let asked = Asked { response, search, unit, poles };
         let delays = asked.delays(last);
@@ -127,7 +128,7 @@ impl ResponseEstimator for Rational {
         let gain =
             numbers * share * (points.power() / best.fitted.cost.max(f64::MIN_POSITIVE)).ln();
         let parameters = best.fitted.coefficients.len();
-        // A pair of poles may settle on any frequency: these are tries too.
+        // A pair of poles may converge to any frequency, which adds to the number of tests.
         let tries = (0..best.fitted.resonances())
             .fold(delays.len(), |tries, _| tries.saturating_mul(response.omega_rad_s().len()));
         if gain < posterior::visible_gain(parameters, tries) {
@@ -139,13 +140,13 @@ impl ResponseEstimator for Rational {
     }
 }
 
-/// What is fitted, and how far.
+/// The data and limits of a fit.
 struct Asked<'a> {
     response: &'a FrequencyResponse,
     search: &'a ResponseSearch,
-    /// The angular frequency that counts as 1.
+    /// The angular frequency used as the unit.
     unit: f64,
-    /// Most poles.
+    /// Largest number of poles.
     poles: usize,
 }
 
@@ -158,7 +159,7 @@ impl Asked<'_> {
         (0..=steps).map(|k| longest * k as f64 / steps as f64).collect()
     }
 
-    /// The minima of every order under every weighting, `end` being the last frequency.
+    /// The minima of every order under every weighting; `end` is the last frequency.
     fn fits(
         &self,
         weightings: &[Points],
@@ -171,7 +172,7 @@ impl Asked<'_> {
             .flat_map(|w| (0..=most).map(move |poles| (w, poles)))
             .flat_map(|(w, poles)| (0..=poles).map(move |zeros| (w, Orders { poles, zeros })))
             .collect();
-        // Beyond the band a zero in the right half-plane is nothing but delay, and is taken for it.
+        // Beyond the band a zero in the right half-plane acts as a delay, and is counted as one.
         let beyond = |f: &FittedFraction| zeros(f).iter().any(|z| z.re > 0.0 && z.norm() > end);
         orders
             .par_iter()
@@ -184,7 +185,7 @@ impl Asked<'_> {
             .collect()
     }
 
-    /// The answer of the best of all minima.
+    /// The estimate of the best of all minima.
     fn answer(&self, best: &Minimum, minima: &[Minimum], points: &Points) -> DelayEstimate {
         let Self { response, search, unit, poles } = *self;
         let delay = best.fitted.delay / unit;
@@ -231,7 +232,7 @@ fn orders_note(Orders { poles, zeros }: Orders) -> String {
     format!("{poles} pole{} and {zeros} zero{}", plural(poles), plural(zeros))
 }
 
-/// What (1 − s/z)/(1 + s/z) turns at low frequencies.
+/// The note on the phase of (1 − s/z)/(1 + s/z) at low frequencies.
 fn turned_note(fitted: &FittedFraction, unit: f64) -> Option<String> {
     let right: Vec<f64> = zeros(fitted)
         .into_iter()
@@ -248,7 +249,7 @@ fn turned_note(fitted: &FittedFraction, unit: f64) -> Option<String> {
     })
 }
 
-/// Which delays fit nearly as well with other numbers of poles and zeros.
+/// The note on delays that fit nearly as well with other numbers of poles and zeros.
 fn others_note(best: &Minimum, minima: &[Minimum], unit: f64) -> Option<String> {
     let apart = || {
         let near = minima.iter().filter(|c| {
@@ -264,14 +265,14 @@ fn others_note(best: &Minimum, minima: &[Minimum], unit: f64) -> Option<String> 
     ))
 }
 
-/// Frequencies left out between two of a scan, so that no delay of the window looks like another.
+/// The stride between the frequencies of a scan, without aliases among the delays of the window.
 fn stride(response: &FrequencyResponse, search: &ResponseSearch) -> usize {
     let wanted = response.omega_rad_s().len() / SCANNED;
     let allowed = (response.unambiguous_s() / (2.0 * search.max_delay_s)).min(1e9) as usize;
     wanted.min(allowed).max(1)
 }
 
-/// The points with each weighting that the quality allows.
+/// The points with each weighting that the given quality allows.
 fn weightings(response: &FrequencyResponse, unit: f64) -> Vec<Points> {
     let x: Vec<f64> = response.omega_rad_s().iter().map(|w| w / unit).collect();
     let h = response.values().to_vec();
@@ -296,7 +297,7 @@ fn weightings(response: &FrequencyResponse, unit: f64) -> Vec<Points> {
     }
 }
 
-/// Magnitudes, each the middle one of three neighbours: a weight must not follow the noise of its own point.
+/// Magnitudes, each the median of three neighbours: a weight must not follow the noise of its own point.
 fn smoothed(h: &[Complex<f64>]) -> Vec<f64> {
     let m: Vec<f64> = h.iter().map(|h| h.norm()).collect();
     let at = |i: usize| m.get(i).copied().unwrap_or(f64::NAN);
@@ -324,8 +325,7 @@ fn weighed(
         let cost = fitted.cost.max(*floor).max(f64::MIN_POSITIVE);
         let parameters = fitted.coefficients.len() as f64 + 1.0;
         let freedom = (numbers - parameters).max(1.0);
-        // Two real numbers for each weight.
-        // Each pair of complex poles is the best of as many places as there are frequencies.
+        // Two real numbers for each weight. Each pair of complex poles is the best of as many positions as there are frequencies.
         let tries = 2.0 * fitted.resonances() as f64 * (0.5 * numbers).ln();
         let criterion = share * (numbers * (cost / numbers).ln() - 4.0 * log)
             + parameters * (share * numbers).ln()
@@ -343,14 +343,14 @@ fn weighed(
     all
 }
 
-/// Without the models that say less of the delay than a simpler and more probable one that they contain: their further poles and zeros stand where nothing holds them.
+/// Drops models with a less certain delay than a simpler, more probable nested model: the data do not determine their further poles and zeros.
 fn undominated(all: Vec<Minimum>) -> Vec<Minimum> {
     let contains = |c: &Minimum, simpler: &Minimum| {
         let (o, s) = (c.fitted.orders, simpler.fitted.orders);
         c.weighting == simpler.weighting && o != s && o.poles >= s.poles && o.zeros >= s.zeros
     };
     let mut kept: Vec<Minimum> = Vec::with_capacity(all.len());
-    // The more probable come first, so that whatever dominates is kept before.
+    // The more probable come first, so that a dominating model is kept earlier.
     for minimum in all {
         if !kept.iter().any(|k| contains(&minimum, k) && minimum.std > VAGUE * k.std) {
             kept.push(minimum);
@@ -359,7 +359,7 @@ fn undominated(all: Vec<Minimum>) -> Vec<Minimum> {
     kept
 }
 
-/// The share of the leftovers that is independent of its neighbours.
+/// The share of the residuals that is independent of their neighbours.
 fn independent(weightings: &[Points], best: &Minimum) -> f64 {
     let Some(points) = weightings.get(best.weighting) else { return 1.0 };
     if best.fitted.cost <= 1e-16 * points.power() {
@@ -373,7 +373,7 @@ fn independent(weightings: &[Points], best: &Minimum) -> f64 {
         let rho =
             left.iter().zip(left.iter().skip(lag)).map(|(a, b)| (a.conj() * b).re).sum::<f64>()
                 / power;
-        // Correlation within its standard error is taken as none.
+        // A correlation within its standard error counts as zero.
         if rho.is_nan() || rho <= 1.0 / count.sqrt() {
             break;
         }
@@ -382,7 +382,7 @@ fn independent(weightings: &[Points], best: &Minimum) -> f64 {
     1.0 / (1.0 + 2.0 * sum)
 }
 
-/// The correlation of neighbouring leftovers.
+/// The correlation of neighbouring residuals.
 fn alike(left: &[Complex<f64>]) -> f64 {
     let power: f64 = left.iter().map(|e| e.norm_sqr()).sum();
     left.iter().zip(left.iter().skip(1)).map(|(a, b)| (a.conj() * b).re).sum::<f64>()

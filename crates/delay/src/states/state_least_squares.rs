@@ -1,6 +1,6 @@
 //! The delay of every input from measured states and known dynamics.
 //!
-//! Equation: z(k) = x(k+1) − A x(k) = Σⱼ Σᵢ γᵢⱼ Bⱼ uⱼ(k − tᵢ), γ by least squares; one γ per input is 1, at its delay.
+//! Equation: z(k) = x(k+1) − A x(k) = Σⱼ Σᵢ γᵢⱼ Bⱼ uⱼ(k − tᵢ), γ by least squares. One γ per input is 1, at its delay.
 
 use std::borrow::Cow;
 
@@ -19,46 +19,45 @@ use deadtime_model::exp;
 use deadtime_signal::stats::interval95;
 use deadtime_signal::time::SampleTime;
 
-/// How the delay is read from the coefficients γ.
+/// The estimate of the delay from the coefficients γ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Selection {
     /// The lag of the largest coefficient, refined below one sample.
     #[default]
     Largest,
-    /// Σ γᵢtᵢ, the published formula, which gathers the noise of every coefficient.
+    /// Σ γᵢtᵢ, the published formula, which accumulates the noise of every coefficient.
     ProductSum,
-    /// max γᵢtᵢ, the thesis' algorithm 3.9: rounding noise where the delay is 0, and the wrong lag under noise. For comparison only. Its raw delay is this, that of the
-    /// others the published formula.
+    /// max γᵢtᵢ, the thesis' algorithm 3.9: it returns rounding noise for the delay 0, and the wrong lag under noise. For comparison only. The raw delay is
+    /// this value; the raw delay of the other selections is the published formula.
     LargestProduct,
 }
 
 /// Inputs: every input and every state of the model on one even grid, A and B. Output: seconds per input, positive = the state lags the input.
 ///
-/// Assumes: A and B are those of the plant, the states are measured with little noise, inputs that are not combinations of each other's lags.
-/// Holds for unstable plants and under feedback, and for inputs with different delays: all are found together.
+/// Assumes: A and B are those of the plant; the states are measured with little noise; the lags of the inputs are linearly independent. Unstable plants,
+/// feedback, and inputs with different delays are allowed: all delays are estimated together.
 /// Resolution and cost: below one sample (exactly for a continuous model behind a zero-order hold, by interpolation of B for a sampled one); O(N·inputs²·delays).
-/// Fails when: inputs move together or not enough (`singular`). Where they nearly do, the note gives the angle between their lags, and a peak that does not stand
-/// clear of the next is `flat`. The model does not describe the data: one delay per input then explains much less than all
-/// lags together (`not_applicable`).
+/// Fails when: inputs are correlated or excite too little (`singular`). For nearly dependent inputs the note gives the angle between their lags; a peak that is
+/// not separated from the next is `flat`. With a wrong model, one delay per input explains much less than all lags together (`not_applicable`).
 /// Source: Waschburger and Galvão (2013), "Time delay estimation in discrete-time state-space models", Signal Processing 93, 904-912.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StateLeastSquares {
-    /// How the delay is read from the coefficients; default the largest one.
+    /// The estimate of the delay from the coefficients; default the largest one.
     pub selection: Selection,
-    /// What is known of the inputs before a record; default auto. Of the states nothing need be known.
+    /// The assumption on the inputs before a record; default auto. The states need no assumption.
     pub prewindow: Prewindow,
 }
 
 const NAME: &str = "state_least_squares";
 
-/// Below this share of what all lags together explain, one delay per input does not describe the data.
+/// Below this share of the explanation by all lags, one delay per input does not describe the data.
 const DESCRIBES: f64 = 0.5;
 
-/// Standard deviations by which the best lag must stand above the next that is not its neighbour.
+/// Standard deviations by which the best lag must exceed the next one outside its neighbours.
 const SEPARATE: f64 = 3.0;
-/// Degrees below which inputs count as moving together: standard deviations are then more than ten times those of inputs that share nothing.
+/// Angle, degrees, below which inputs count as correlated: their standard deviations are then more than ten times those of orthogonal inputs.
 const TOGETHER: f64 = 5.7;
 
 /// Its line in the list of methods.
@@ -93,7 +92,7 @@ pub(crate) const METHOD: Method = Method {
 };
 
 impl DelayEstimator for StateLeastSquares {
-    /// The delay of the first input; all are found together.
+    /// The delay of the first input; all are estimated together.
     fn estimate(
         &self,
         experiment: &Experiment<'_>,
@@ -118,18 +117,18 @@ impl DelayEstimator for StateLeastSquares {
     }
 }
 
-/// A recording as this method sees it.
+/// A recording in the form of this method.
 struct Rows<'a> {
     /// z(k) = x(k+1) − A x(k), states × samples.
     z: DMatrix<f64>,
     u: Vec<&'a [f64]>,
 }
 
-/// The sampled plant, and how a fraction f of a sample splits an input's effect between u(k − d) and u(k − d − 1).
+/// The sampled plant. A fraction f of a sample splits an input's effect between u(k − d) and u(k − d − 1).
 struct Plant {
     a: DMatrix<f64>,
     b: DMatrix<f64>,
-    /// A and B in continuous time, and the sample time, where they are known.
+    /// A and B in continuous time, and the sample time, where known.
     continuous: Option<(DMatrix<f64>, DMatrix<f64>, f64)>,
 }
 
@@ -181,10 +180,10 @@ impl Plant {
 pub struct Coefficients {
     /// γ, inputs × (`max_delay` + 1).
     pub gamma: DMatrix<f64>,
-    /// Covariance of γ, row after row of it, for white equation errors.
+    /// Covariance of γ in row-major order, for white equation errors.
     pub covariance: DMatrix<f64>,
-    /// For every input the smallest canonical angle, degrees, between what its lags and what all others' lags do to the states: 90 where nothing is shared, 0 where
-    /// one combination of lags can stand for the other. White inputs of N samples share some by chance, about √(lags·inputs/N) as a cosine.
+    /// For every input the smallest canonical angle, degrees, between the effects of its own lags and of all others' lags on the states. 90: orthogonal; 0: a
+    /// combination of the others' lags is an alias. White inputs of N samples have a cosine of about √(lags·inputs/N) by chance.
     pub angle_deg: Vec<f64>,
     /// Σ of squared residuals over all states and samples.
     pub residual: f64,
@@ -234,10 +233,11 @@ fn equations(plant: &Plant, recordings: &[Rows<'_>], first: usize, lags: usize) 
 }
 
 impl StateLeastSquares {
-    /// The plain least-squares solution for the lags 0 … `max_delay` of every input together, over the samples that see no input before the record.
+    /// The least-squares solution without refinement for the lags 0 … `max_delay` of every input together, over the samples that need no input before the
+    /// record.
     ///
     /// # Errors
-    /// As an estimation; [`DelayError::Dependent`] where the lags of the inputs are combinations of each other.
+    /// As the estimation; [`DelayError::Dependent`] where the lags of the inputs are linearly dependent.
     pub fn coefficients(
         &self,
         experiment: &Experiment,
@@ -288,7 +288,7 @@ impl StateLeastSquares {
         self.within(&behind_rest(experiment, max_delay + 1), max_delay)
     }
 
-    /// The same over the samples that see no input before the record.
+    /// The same over the samples that need no input before the record.
     fn within(
         &self,
         experiment: &Experiment,
@@ -342,7 +342,7 @@ impl StateLeastSquares {
     }
 }
 
-/// What to say of an input whose lags are combinations of others'.
+/// The outcome for an input whose lags depend linearly on the others'.
 fn dependent(angle: f64) -> DelayEstimate {
     let together = if angle < TOGETHER {
         format!(": this input moves with the others (angle {angle:.2}°)")
@@ -362,10 +362,10 @@ fn largest(coefficients: &[f64]) -> usize {
         .unwrap_or(0)
 }
 
-/// What the data say of all inputs together.
+/// The joint solution for all inputs.
 struct OfAllInputs {
     lags: usize,
-    /// Coefficients, all lags of one input after those of another, and the inverse of their Gram matrix.
+    /// Coefficients in the order of inputs, then lags, and the inverse of their Gram matrix.
     gamma: DVector<f64>,
     inverse: DMatrix<f64>,
     /// Variance of the equations' noise.
@@ -373,10 +373,10 @@ struct OfAllInputs {
     /// Smallest angle between each input's lags and the others', degrees.
     angles: Vec<f64>,
     refined: Refined,
-    /// The share of the state's motion that one delay per input explains, and all lags together.
+    /// The share of the state's motion explained by one delay per input, over that by all lags together.
     explained: f64,
     explained_by_all: f64,
-    /// All lags together explain more than chance.
+    /// All lags together are significant.
     visible: bool,
 }
 
@@ -385,7 +385,7 @@ impl OfAllInputs {
         &self.gamma.as_slice()[j * self.lags..(j + 1) * self.lags]
     }
 
-    /// The best lag outside the peak and its neighbours, which share a delay between samples, and how many standard deviations it stands below the peak.
+    /// The best lag outside the peak and its neighbours, which share a fractional delay. Also its distance below the peak, in standard deviations.
     fn runner_up(&self, j: usize) -> Option<(usize, f64)> {
         let (coefficients, first) = (self.coefficients(j), j * self.lags);
         let peak = largest(coefficients);
@@ -401,7 +401,7 @@ impl OfAllInputs {
         ))
     }
 
-    /// Why one input has no delay that can be trusted.
+    /// Why the delay of one input is not trusted.
     fn refusal(&self, j: usize) -> Option<DelayEstimate> {
         let peak = largest(self.coefficients(j));
         let (coefficient, at) = (self.coefficients(j)[peak], j * self.lags + peak);
@@ -488,7 +488,8 @@ fn rows<'a>(recording: &'a Recording<'_>, a: &DMatrix<f64>) -> Rows<'a> {
     Rows { z, u: recording.inputs.iter().map(|u| &u[..samples - 1]).collect() }
 }
 
-/// Every recording behind `samples` of rest: inputs at their first value where the record begins at rest, else at zero. No equation is made of those samples' states.
+/// Every recording behind `samples` of rest: inputs at their first value where the record begins at rest, else at zero. The states of those samples enter no
+/// equation.
 fn behind_rest<'b>(experiment: &Experiment<'_>, samples: usize) -> Experiment<'b> {
     let rests = experiment.begins_at_rest();
     let behind = |level: f64, x: &[f64]| -> Cow<'b, [f64]> {
@@ -508,7 +509,7 @@ fn behind_rest<'b>(experiment: &Experiment<'_>, samples: usize) -> Experiment<'b
     experiment.with_recordings(recordings)
 }
 
-/// The recordings that have samples behind the first one.
+/// The recordings with samples behind the first one.
 fn usable<'a>(experiment: &'a Experiment<'_>, plant: &Plant, first: usize) -> Vec<Rows<'a>> {
     experiment
         .recordings()
@@ -543,7 +544,7 @@ fn enough(
     })
 }
 
-/// Coefficients and inverse Gram matrix, `None` where it is singular.
+/// Coefficients and inverse Gram matrix; `None` where it is singular.
 fn solve(gram: &DMatrix<f64>, right: &DVector<f64>) -> Option<(DVector<f64>, DMatrix<f64>)> {
     let scale = gram.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
     if scale.iter().any(|&s| s == 0.0) {
@@ -585,14 +586,14 @@ fn angles(gram: &DMatrix<f64>, inputs: usize) -> Vec<f64> {
     (0..inputs).map(each).collect()
 }
 
-/// Combinations of the columns behind a Gram matrix that are orthonormal and span what they do; `None` where that is nothing.
+/// An orthonormal basis of the columns behind a Gram matrix; `None` for an empty span.
 fn basis(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     if gram.is_empty() {
         return None;
     }
     let eigen = nalgebra::SymmetricEigen::try_new(gram, f64::EPSILON, 10_000)?;
     let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
-    // Half of the digits of a Gram matrix are those of its columns.
+    // A Gram matrix keeps half of the digits of its columns.
     let kept: Vec<usize> =
         (0..eigen.eigenvalues.len()).filter(|&i| eigen.eigenvalues[i] > 1e-10 * largest).collect();
     let scale =
@@ -601,7 +602,7 @@ fn basis(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
         .then(|| eigen.eigenvectors.select_columns(&kept) * DMatrix::from_diagonal(&scale))
 }
 
-/// The delay between a coefficient and its larger neighbour.
+/// The fractional delay between a coefficient and its larger neighbour.
 fn interpolated(gamma: &[f64], peak: usize) -> f64 {
     let at = |i: Option<usize>| i.and_then(|i| gamma.get(i)).copied().unwrap_or(0.0).max(0.0);
     let (before, here, after) = (at(peak.checked_sub(1)), at(Some(peak)), at(Some(peak + 1)));
@@ -618,7 +619,7 @@ struct Refined {
     residual: f64,
 }
 
-/// One continuous delay per input by Gauss-Newton on z, and its sandwich standard deviation (the noise of z reaches over neighbouring samples).
+/// One continuous delay per input by Gauss-Newton on z, and its sandwich standard deviation: the noise of z is correlated over neighbouring samples.
 fn refine(
     plant: &Plant,
     recordings: &[Rows<'_>],
@@ -642,7 +643,7 @@ fn refine(
             best = Some(Refined { delays: delays.clone(), std, residual: evaluated.residual });
         }
         let from = best.as_ref().map_or(&delays, |b| &b.delays).clone();
-        // After a step that made it worse, half the way back to the best point.
+        // After a step that increased the residual: halfway back to the best point.
         let next: Vec<f64> = if improved {
             (0..m)
                 .map(|j| (delays[j] - step[j].clamp(-0.5, 0.5)).clamp(0.0, real(max_delay)))
@@ -667,7 +668,7 @@ struct Evaluated {
     residual: f64,
     gradient: DVector<f64>,
     information: DMatrix<f64>,
-    /// Scores Jᵀr, one column per row of the regression; records follow each other.
+    /// Scores Jᵀr, one column per row of the regression; the records are concatenated.
     scores: DMatrix<f64>,
 }
 
@@ -714,7 +715,7 @@ fn evaluate(plant: &Plant, recordings: &[Rows<'_>], first: usize, delays: &[f64]
     evaluated
 }
 
-/// Standard deviations from scores that neighbouring samples share (lags up to 2, Bartlett's weights).
+/// Standard deviations from scores correlated between neighbouring samples (lags up to 2, Bartlett's weights).
 fn sandwich(evaluated: &Evaluated) -> Vec<f64> {
     let m = evaluated.gradient.len();
     let Some(bread) = evaluated.information.clone().cholesky().map(|c| c.inverse()) else {

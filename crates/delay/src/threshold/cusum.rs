@@ -1,7 +1,7 @@
-//! The first sample from which the impulse response, in units of its uncertainty, keeps adding up.
+//! The first sample from which the impulse response, in units of its uncertainty, accumulates.
 //!
-//! Equation: z = ĥ/σ̂, g⁺(i) = max(0, g⁺(i − 1) + z(i) − ν), g⁻ alike for −z; alarm at the first i where either exceeds h; the change is right after the sample at
-//! which that sum was last 0.
+//! Equation: z = ĥ/σ̂, g⁺(i) = max(0, g⁺(i − 1) + z(i) − ν), g⁻ alike for −z. The alarm is at the first i where either exceeds h; the change is right after
+//! that sum's last 0.
 
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
@@ -22,29 +22,29 @@ use crate::posterior;
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
 /// Assumes: the response has died out after `taps` samples, white noise, an input that excites every tap.
-/// Resolution and cost: one sample; O(N·taps), and two thousand draws of max-delay numbers for the alarm level.
-/// Fails when: the response changes sign at once (the sum falls back; the sample-by-sample [`super::impulse::Threshold`] sees it), or begins so slowly that even the sum stays below
-/// the drift: the answer is then late, and the interval reaches back to where the response may have begun. The published change point (the raw value) is early where
-/// noise just before the response exceeds the drift, one time in six at a drift of 1; the answer is the start, inside the run that led to the alarm, of the ramp that fits the
-/// samples up to it best.
-/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (idimpCusum); Page (1954), Biometrika 41, 100-115, doi:10.1093/biomet/41.1-2.100; Gustafsson (2000), "Adaptive
-/// Filtering and Change Detection", section 3.3. Drift and level in Björklund's runs were tuned to his benchmark and are not repeated here: the level is the one that noise alone,
-/// correlated as the coefficients' errors are, exceeds with a given probability.
+/// Resolution and cost: one sample; O(N·taps), and 2000 draws of max-delay values for the alarm level.
+/// Fails when: the response changes sign at once: the sum falls back, and the sample-by-sample [`super::impulse::Threshold`] is better. A slow beginning keeps
+/// even the sum below the drift: the estimate is late, and the interval reaches back to the possible beginning. The published change point (the raw value) is
+/// early where noise just before the response exceeds the drift: 1 of 6 records at drift 1. The estimate is the start of the ramp that best fits the samples up
+/// to the alarm, within the run before it.
+/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (idimpCusum). Page (1954), Biometrika 41, 100-115, doi:10.1093/biomet/41.1-2.100. Gustafsson
+/// (2000), "Adaptive Filtering and Change Detection", section 3.3. Björklund tuned drift and level to his benchmark; these values are not used here. Noise
+/// alone, with the correlation of the coefficients' errors, exceeds the level used with a given probability.
 #[doc = plant_example!(Cusum, 600, 0.6, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Cusum {
     /// Coefficients of the impulse response; default 71, more where the search window needs them.
     pub taps: usize,
-    /// Standard deviations that every sample must add on average; default 1, half of the smallest change that is looked for.
+    /// Standard deviations that every sample must add on average; default 1, half of the smallest change to detect.
     pub drift: f64,
-    /// Level of the alarm, standard deviations; default: as `false_alarm` asks.
+    /// Level of the alarm, standard deviations; default: by `false_alarm`.
     pub level: Option<f64>,
     /// Probability that noise alone, white, gives an alarm somewhere in the search window; default 0.01.
     pub false_alarm: f64,
-    /// How several records are put together; default jointly.
+    /// The combination of several records; default jointly.
     pub records: Records,
-    /// What is known of the input before a record; default auto.
+    /// The assumption on the input before a record; default auto.
     pub prewindow: Prewindow,
 }
 
@@ -104,7 +104,7 @@ impl Cusum {
         options(name, rows)
     }
 
-    /// The delay at which the response begins to add up.
+    /// The delay at which the response begins to accumulate.
     pub(super) fn change(
         &self,
         name: &'static str,
@@ -114,9 +114,9 @@ impl Cusum {
         let max_delay = pair.max_delay;
         let taps = self.taps.max(max_delay + 1);
         let response = response(name, kind, pair.records, taps, (self.records, self.prewindow))?;
-        // Slow noise adds up as a response does; whether there is one at all is for a test that whitens it.
+        // Slow noise accumulates as a response does; a whitening test decides whether there is a response.
         pair.visible()?;
-        // On noise-free data the uncertainty is rounding: a share of the largest value stands for it.
+        // On noise-free data the uncertainty is rounding; a share of the largest value replaces it.
         let floor = ROUNDING * response.values.amax();
         let z: Vec<f64> = (0..=max_delay)
             .map(|i| response.values[i] / response.std[i].max(floor).max(f64::MIN_POSITIVE))
@@ -130,7 +130,7 @@ impl Cusum {
             );
             return Err(NoDelay::new(Outcome::NotVisible, note));
         };
-        // Errors of coefficients are nearly independent, those of their sums are not: the coefficients tell where it began.
+        // Errors of coefficients are nearly independent, those of their sums are not: the coefficients give the beginning.
         let [values, std] = &response.each;
         let misfits = misfits(values, std, alarm);
         let start = (first..=alarm)
@@ -149,12 +149,12 @@ impl Cusum {
 /// Share of the largest value below which a standard deviation is rounding.
 const ROUNDING: f64 = 1e-10;
 
-/// The samples of a sum that gave an alarm.
+/// The samples of a sum that raised an alarm.
 #[derive(Debug, PartialEq)]
 struct Run {
-    /// The first after the sum was last 0.
+    /// The first sample after the sum was last 0.
     first: usize,
-    /// Where it exceeded the level.
+    /// The sample that exceeded the level.
     alarm: usize,
 }
 
@@ -176,22 +176,22 @@ fn cusum(z: &[f64], drift: f64, level: f64) -> Option<Run> {
     None
 }
 
-/// Draws behind an alarm level: a level for 1 % stands on twenty of them.
+/// Draws behind an alarm level: a level for 1 % is based on twenty of them.
 const DRAWS: usize = 2000;
 
-/// The level that noise alone exceeds with this probability, for errors correlated as the response's are; by drawing them.
+/// The level that noise alone exceeds with this probability, from draws with the correlation of the response's errors.
 fn alarm_level(response: &EstimatedResponse, samples: usize, drift: f64, probability: f64) -> f64 {
     let mut correlation: DMatrix<f64> =
         response.correlation.view((0, 0), (samples, samples)).into_owned();
     for i in 0..samples {
         correlation[(i, i)] = 1.0 + 1e-9;
     }
-    // Errors without a covariance to speak of (noise-free data) are drawn independent.
+    // Errors without a usable covariance (noise-free data) are drawn independent.
     let root =
         correlation.cholesky().map_or_else(|| DMatrix::identity(samples, samples), |c| c.l());
     let freedom = response.freedom.max(1) as f64;
     let scale = ChiSquared::new(freedom).ok();
-    // A stream of its own with a fixed seed: the same record gives the same level.
+    // A separate stream with a fixed seed: the same record gives the same level.
     let mut rng = ChaCha8Rng::seed_from_u64(1954);
     let mut tops: Vec<f64> = (0..DRAWS)
         .map(|_| {
@@ -234,7 +234,7 @@ mod tests {
         assert_abs_diff_eq!(top(&z, 1.0), 4.0, epsilon = 1e-12);
     }
 
-    /// With a drift so large that a sum never lasts, the level is the quantile of the largest of n numbers less the drift.
+    /// With a drift so large that a sum never lasts, the level is the quantile of the largest of n values minus the drift.
     #[test]
     fn the_level_is_the_quantile_of_the_largest_for_a_large_drift() {
         use statrs::distribution::{ContinuousCDF, Normal};
@@ -255,7 +255,7 @@ mod tests {
             Normal::new(0.0, 1.0).unwrap().inverse_cdf(0.5 + 0.5 * 0.95_f64.powf(1.0 / n as f64))
                 - drift;
         assert!(level >= alone - 0.05 && level < alone + 0.6, "{level} {alone}");
-        // Correlated errors add up further.
+        // Correlated errors accumulate further.
         let slow = DMatrix::from_fn(n, n, |i, j| 0.95_f64.powi((i as i32 - j as i32).abs()));
         assert!(
             alarm_level(&EstimatedResponse { correlation: slow, ..response }, n, drift, 0.05)

@@ -1,6 +1,7 @@
 //! CUSUM test on the step response.
 //!
-//! Equation: z = s/σ_s, s(i) = Σ ĥ(k) over k ≤ i; g⁺(i) = max(0, g⁺(i − 1) + z(i) − ν), g⁻ alike for −z; alarm at the first i where either exceeds h.
+//! Equation: z = s/σ_s, s(i) = Σ ĥ(k) over k ≤ i. The sums are g⁺(i) = max(0, g⁺(i − 1) + z(i) − ν), g⁻ alike for −z. The alarm is at the first i where either
+//! exceeds h.
 
 use super::cusum::Cusum;
 use super::response::ResponseKind;
@@ -11,9 +12,10 @@ use crate::method::{Basis, Condition, Information, Law, Method, method_line, pla
 
 /// CUSUM test on the step response, the running sum of the impulse response; options, output and cost as [`Cusum`].
 ///
-/// Assumes: as [`Cusum`]. It sees slow responses that no single coefficient shows; the errors of a running sum are far from independent, which the alarm level allows for.
-/// Fails when: the noise is slow: the level is for white noise, whose errors the sum gathers less. For the rest as [`Cusum`].
-/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (idstepCusum); what it leaves open is said at [`Cusum`].
+/// Assumes: as [`Cusum`]. The step response reveals slow responses without a significant single coefficient; the alarm level allows for the correlated errors
+/// of a running sum.
+/// Fails when: the noise is slow: the level is for white noise, whose errors accumulate less. Otherwise as [`Cusum`].
+/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (idstepCusum); its open points are those of [`Cusum`].
 #[doc = plant_example!(CusumStep, 600, 0.6, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(transparent)]

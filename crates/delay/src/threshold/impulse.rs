@@ -1,4 +1,4 @@
-//! The first sample at which an estimated impulse or step response stands above its uncertainty.
+//! The first sample at which an estimated impulse or step response exceeds its uncertainty.
 //!
 //! Equation: τ̂ = Ts·min{ i : |ĥᵢ| > h_std·σ̂ᵢ }, ĥ the finite impulse response by least squares and σ̂ its standard deviations.
 
@@ -18,10 +18,11 @@ use deadtime_signal::stats::students_t;
 ///
 /// Assumes: the response has died out after `taps` samples, white noise, an input that excites every tap.
 /// Resolution and cost: one sample; O(N·taps).
-/// Fails when: the input does not excite all taps in the rows used (`not_rich_enough`; an impulse at the first sample, or ramps that end before the taps do, excite them only
-/// with `prewindow: rest`), nothing stands out (`not_visible`), or the response begins slowly: the answer is then late,
-/// and the interval reaches back to where the response may have begun.
-/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (5 standard deviations); the thesis behind this project, algorithms 3.1 to 3.3 (3 of them).
+/// Fails when: the input does not excite all taps in the rows used (`not_rich_enough`). An impulse at the first sample, or ramps that end before the taps do,
+/// need `prewindow: rest`. Without a significant coefficient the outcome is `not_visible`. A slow beginning makes the estimate late; the interval reaches back
+/// to the possible beginning.
+/// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1 (5 standard deviations); the thesis behind this project, algorithms 3.1 to 3.3 (3 standard
+/// deviations).
 #[doc = plant_example!(Threshold, 600, 0.6, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -30,11 +31,11 @@ pub struct Threshold {
     pub taps: usize,
     /// Standard deviations that a coefficient must exceed; default 5. (3, as in the thesis, gives a false alarm in 18 % of white records.)
     pub h_std: f64,
-    /// Instead of `h_std`: the probability of a false alarm over all taps together, Šidák's limit; default none.
+    /// Instead of `h_std`: the probability of a false alarm over all taps together, Šidák's limit; default `None`.
     pub family_wise: Option<f64>,
-    /// How several records are put together; default jointly.
+    /// The combination of several records; default jointly.
     pub records: Records,
-    /// What is known of the input before a record; default auto.
+    /// The assumption on the input before a record; default auto.
     pub prewindow: Prewindow,
 }
 
@@ -89,7 +90,7 @@ impl Threshold {
         options(name, rows)
     }
 
-    /// The response that these options ask for.
+    /// The response for these options.
     pub(super) fn response(
         &self,
         name: &'static str,
@@ -100,8 +101,7 @@ impl Threshold {
         response(name, kind, pair.records, taps, (self.records, self.prewindow))
     }
 
-    /// The first sample above the threshold; a response that `settles` must have died out behind
-    /// it.
+    /// The first sample above the threshold; a response that `settles` must have died out behind it.
     pub(super) fn crossing(
         &self,
         response: &EstimatedResponse,
@@ -116,7 +116,7 @@ impl Threshold {
                 students_t(1.0 - each / 2.0, response.freedom as f64).unwrap_or(self.h_std)
             }
         };
-        // On noise-free data the uncertainty is rounding, and so may be what stands above it.
+        // On noise-free data the uncertainty is rounding, and so may be the values above it.
         let floor = 1e-9 * response.values.amax();
         let threshold = response.std.map(|s| (multiple * s).max(floor));
         let above = |i: usize| response.values[i].abs() > threshold[i];
@@ -136,7 +136,7 @@ impl Threshold {
         let note = (settles && 2 * alive > taps - tail).then(|| {
             format!("the impulse response has not died out after {taps} taps: set more of them")
         });
-        // The true start is anywhere between: a uniform distribution's standard deviation.
+        // The true start is uniform between the ends.
         let std = (interval[1] - interval[0]) * posterior::RESOLUTION.sqrt();
         Ok(pair.counted(raw, std, interval).noting(note).noting(response.note.clone()))
     }

@@ -1,7 +1,7 @@
-//! A threshold on a regularised impulse response, and the start that its evidence asks for.
+//! A threshold on a regularised impulse response, with the start of largest evidence.
 //!
-//! Equation: y(t) = Σ hᵢ u(t − i) + e(t), h ~ N(0, c·λ^max(i, j)), c and λ by marginal likelihood; visible where some |ĥᵢ| > m·ŝᵢ, ŝ the posterior's standard deviation;
-//! τ̂ = Ts·argmax over k of p(y | h begins at k).
+//! Equation: y(t) = Σ hᵢ u(t − i) + e(t), h ~ N(0, c·λ^max(i, j)), c and λ by marginal likelihood. The response is visible where some |ĥᵢ| > m·ŝᵢ, ŝ the
+//! posterior's standard deviation. τ̂ = Ts·argmax over k of p(y | h begins at k).
 
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -16,15 +16,16 @@ use deadtime_identify::Evidence;
 ///
 /// Inputs: u, y on one even grid. Output: seconds, positive = y lags u.
 ///
-/// Assumes: a response that dies out smoothly within `taps` samples, white noise. The input need not excite every tap: the prior stands in.
-/// Resolution and cost: one sample; O(N·taps), and some two hundred factorisations of a taps × taps matrix.
-/// Fails when: the response jumps late and dies at once (the prior expects its largest values first, and spreads the jump: the threshold crossing, the raw value, is then a sample
-/// or two early; the answer compares responses that begin at each delay and is not); the plant oscillates slowly (a stable-spline prior expects no long memory); slow noise.
-/// False alarms: a posterior mean varies less from record to record than its posterior covariance says (shrinkage), so noise alone exceeds Šidák's limit with at most the
-/// probability given. Before the start of a true response that limit does not hold, because the prior leaks from later coefficients to earlier ones; that is why the answer is not the crossing.
-/// Source: Chen, Ohlsson and Ljung (2012), Automatica 48(8), 1525-1535, doi:10.1016/j.automatica.2012.05.026 (TC kernel, marginal likelihood); MATLAB, System Identification
-/// Toolbox, page `impulseest` (default kernel TC). How a delay is read off the picture neither says: MATLAB's user looks for the first coefficient outside of the
-/// confidence region. The evidence of each start is ours.
+/// Assumes: a response that dies out smoothly within `taps` samples, white noise. The input need not excite every tap: the prior regularises the others.
+/// Resolution and cost: one sample; O(N·taps), and about 200 factorisations of a taps × taps matrix.
+/// Fails when: the response jumps late and dies at once. The prior expects the largest values first and spreads the jump: the threshold crossing (the raw
+/// value) is one or two samples early. The estimate compares responses beginning at each delay and is not affected. Slow oscillations contradict the
+/// stable-spline prior, which expects short memory. Slow noise violates the assumption of white noise. False alarms: a posterior mean varies less between
+/// records than its posterior covariance (shrinkage). Noise alone therefore exceeds Šidák's limit with at most the given probability. The limit does not hold
+/// before the start of a true response, because the prior leaks from later coefficients to earlier ones. The estimate is therefore not the crossing.
+/// Source: Chen, Ohlsson and Ljung (2012), Automatica 48(8), 1525-1535, doi:10.1016/j.automatica.2012.05.026 (TC kernel, marginal likelihood); MATLAB, System
+/// Identification Toolbox, page `impulseest` (default kernel TC). Neither source reads a delay from the response: MATLAB's user looks for the first coefficient
+/// outside of the confidence region. The evidence of each start is this program's.
 #[doc = plant_example!(Impulseest, 400, 0.6, 1e-12)]
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -57,7 +58,7 @@ pub(crate) const METHOD: Method = Method {
     )
 };
 
-/// Rows for each coefficient that a shortest record must have: the prior determines the rest.
+/// Rows for each coefficient of the shortest record: the prior regularises the remainder.
 const ROWS: usize = 20;
 
 impl PairMethod for Impulseest {

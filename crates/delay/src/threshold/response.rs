@@ -1,4 +1,4 @@
-//! Responses with their uncertainty, as every threshold takes them, and where a response may have begun.
+//! Responses with their uncertainty, shared by all thresholds, and the possible beginning of a response.
 
 use std::borrow::Cow;
 
@@ -9,32 +9,33 @@ use crate::estimator::{NoDelay, impulse_response, long_enough};
 use deadtime_identify::{Fir, Record};
 use deadtime_signal::stats;
 
-/// How several records are put together.
+/// The combination of several records.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Records {
-    /// One regression over the rows of all.
+    /// One regression over the rows of all records.
     #[default]
     Joint,
     /// One response per record; responses and standard deviations averaged (algorithm 3.2 of the thesis).
     Averaged,
 }
 
-/// What is known of the input before a record. A row needs as many past inputs as the response has coefficients.
+/// The assumption on the input before a record. A row needs as many past inputs as the response has coefficients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Prewindow {
-    /// Nothing: rows that reach back before the record are left out.
+    /// None: rows that reach back before the record are left out.
     None,
-    /// The plant rested: at the first value of the input where it stands still for the first ten samples, else at zero. Give data measured from rest, not from the mean.
+    /// The plant rested: at the input's first value where the first ten samples are constant, else at zero. The data must be relative to the rest, not to the
+    /// mean.
     Rest,
-    /// As `none`; only where the rows that are left do not excite every coefficient, and every record begins with ten samples of still input, as `rest`. An answer
-    /// that `none` can give is never changed.
+    /// As `none`. The option acts as `rest` only if the remaining rows do not excite every coefficient and every record begins with ten constant input samples.
+    /// An estimate by `none` has priority.
     #[default]
     Auto,
 }
 
-/// Samples without motion of the input that make the start of a record a rest.
+/// Constant input samples at the start of a record that count as rest.
 const STILL: usize = 10;
 
 /// A response, its standard deviations and the correlation of its errors.
@@ -45,11 +46,11 @@ pub(super) struct EstimatedResponse {
     pub(super) each: [DVector<f64>; 2],
     pub(super) correlation: DMatrix<f64>,
     pub(super) freedom: usize,
-    /// What a reader must know of how it came about.
+    /// A note on its computation.
     pub(super) note: Option<String>,
 }
 
-/// What the answer is made from.
+/// The response behind the estimate.
 #[derive(Clone, Copy)]
 pub(super) enum ResponseKind {
     /// The response to an impulse.
@@ -144,12 +145,13 @@ fn averaged(responses: Vec<EstimatedResponse>) -> EstimatedResponse {
     sum
 }
 
-/// How many samples the input stands still at first.
+/// The number of constant input samples at the start.
 fn still(record: &Record) -> usize {
     record.u.iter().position(|v| *v != record.u[0]).unwrap_or(record.len())
 }
 
-/// The record measured from where it rested, behind as many samples of rest as `taps` coefficients look back. Those outputs are no rows of a regression without past outputs.
+/// The record relative to its rest, behind as many samples of rest as `taps` coefficients look back. A regression without past outputs does not use those
+/// outputs as rows.
 fn from_rest<'b>(record: &Record<'_>, taps: usize) -> Record<'b> {
     let before = taps - 1;
     let rest = still(record);
@@ -176,7 +178,7 @@ fn from_rest<'b>(record: &Record<'_>, taps: usize) -> Record<'b> {
 /// Share of the largest value below which a standard deviation is rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// For every start up to the crossing, how badly a ramp from there to the crossing fits the samples up to it, in units of their variance.
+/// For every start up to the crossing: the misfit of a ramp from there to the crossing on the samples up to it, in variances.
 pub(super) fn misfits(values: &DVector<f64>, std: &DVector<f64>, crossing: usize) -> Vec<f64> {
     let misfit = |start: usize| {
         let (mut up, mut down, mut total) = (0.0, 0.0, 0.0);
@@ -197,8 +199,8 @@ pub(super) fn misfits(values: &DVector<f64>, std: &DVector<f64>, crossing: usize
     (0..=crossing).map(misfit).collect()
 }
 
-/// The earliest sample at which the response may have begun: a ramp from there to the crossing fits the samples before the crossing as well as the best ramp
-/// does, to a likelihood ratio of 3.84 (95 %). A crossing that noise alone made is so rare at the limits used that nothing later is considered.
+/// The earliest possible beginning of the response. A ramp from there to the crossing fits the earlier samples as well as the best ramp, within a likelihood
+/// ratio of 3.84 (95 %). A crossing by noise alone is so rare at the limits used that no later beginning is considered.
 pub(super) fn onset(misfits: &[f64]) -> usize {
     let best = misfits.iter().copied().fold(f64::INFINITY, f64::min);
     misfits.iter().position(|&m| m - best <= 3.84).unwrap_or(misfits.len().saturating_sub(1))

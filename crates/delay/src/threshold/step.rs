@@ -11,8 +11,8 @@ use crate::method::{Basis, Condition, Information, Law, Method, method_line};
 
 /// Threshold on the step response, the running sum of the impulse response; options as [`Threshold`].
 ///
-/// Assumes: as [`Threshold`]. It sees slow responses that no single coefficient shows, at the price of the noise that the sum gathers.
-/// Fails when: the noise is slow, whose errors the sum gathers; for the rest as [`Threshold`].
+/// Assumes: as [`Threshold`]. The step response reveals slow responses without a significant single coefficient, at the price of accumulated noise.
+/// Fails when: the noise is slow: its errors accumulate in the sum. Otherwise as [`Threshold`].
 /// Source: Björklund (2003), LiU-TEK-LIC-2003:60, section 6.1.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(transparent)]
@@ -44,7 +44,7 @@ impl PairMethod for Step {
 
     fn pair(&self, pair: &PairRecords) -> Result<DelayEstimate, NoDelay> {
         let response = self.0.response("threshold_step", ResponseKind::Step, pair)?;
-        // The running sum gathers slow noise as it gathers a response; whether there is one at all is for a test that whitens it.
+        // The running sum accumulates slow noise as it accumulates a response; a whitening test decides whether there is a response.
         pair.visible()?;
         self.0.crossing(&response, false, pair)
     }

@@ -1,4 +1,4 @@
-//! What is reported of a delay that moves: in seconds, as `deadtime/estimate@1` has it.
+//! The report of a time-varying delay, in seconds, as in `deadtime/estimate@1`.
 
 use serde::Serialize;
 
@@ -10,38 +10,38 @@ use deadtime_signal::time::SampleTime;
 /// A delay that changes within a record, or between records.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Moving {
-    /// How it moves.
+    /// The kind of change.
     pub kind: Kind,
-    /// Stretches of time at one delay, in order.
+    /// Stretches of constant delay, in order.
     pub stretches: Vec<AtOneDelay>,
-    /// Rate of a drift, seconds by second.
+    /// Rate of a drift, s/s.
     pub rate: Option<f64>,
-    /// The delay below which the track lies 5, 50 and 95 % of the time, s.
+    /// The 5, 50 and 95 % quantiles of the delay over time, s.
     pub quantiles_s: [f64; 3],
-    /// What the changes gain over one delay, in units of the logarithm of the likelihood, less what each must gain.
+    /// Gain in log-likelihood of the changes over one delay, minus their penalties.
     pub gain: f64,
 }
 
-/// How a delay moves.
+/// The kind of a change of the delay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
     /// From one value to another.
     Jumps,
-    /// At a rate.
+    /// At a constant rate.
     Drifts,
 }
 
-/// A stretch of time at one delay.
+/// A stretch of constant delay.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AtOneDelay {
     /// Record, counted from 0.
     pub record: usize,
-    /// When it begins, s from the record's first sample.
+    /// Its beginning, s from the record's first sample.
     pub from_s: f64,
-    /// Its 95 % interval; `null` where the record begins.
+    /// The 95 % interval of the beginning; `null` where the record begins.
     pub from_ci95_s: Option<[f64; 2]>,
-    /// When it ends, s from the record's first sample.
+    /// Its end, s from the record's first sample.
     pub to_s: f64,
     /// The dead time, s.
     pub delay_s: f64,
@@ -64,7 +64,7 @@ pub struct Tracked {
     pub high_s: Vec<f64>,
 }
 
-/// The dead time of the records at a raw delay of so many samples: what the methods say of the records once the changes are removed from them.
+/// The dead time of the records at a given raw delay, from the methods' estimates after the changes are removed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Anchor {
     /// Raw delay of the straightened records, samples.
@@ -75,7 +75,7 @@ pub struct Anchor {
     pub ci95_s: [f64; 2],
 }
 
-/// Samples by which the ends of a change's interval are moved outwards: around a change some coefficients of the input act at the delay before and some at that behind.
+/// Samples by which a change's interval widens at each end: around a change, input coefficients act at either the earlier or the later delay.
 const AROUND: f64 = 3.0;
 
 impl Anchor {
@@ -84,7 +84,7 @@ impl Anchor {
         (self.delay_s + ts.to_seconds(raw - self.reference)).max(0.0)
     }
 
-    /// A band of raw delays, widened by what the anchor leaves open; the two are independent.
+    /// A band of raw delays, widened by the anchor's uncertainty; the two are independent.
     fn band(&self, mean: f64, [low, high]: [f64; 2], ts: SampleTime) -> [f64; 2] {
         let [below, above] = [self.delay_s - self.ci95_s[0], self.ci95_s[1] - self.delay_s];
         let at = self.delay_s + ts.to_seconds(mean - self.reference);
@@ -109,7 +109,7 @@ pub fn tracked(track: &Track, anchor: &Anchor, ts: SampleTime) -> Tracked {
 }
 
 impl Moving {
-    /// What was seen in the records, whose lengths are given, in seconds; `bias`: samples that the plant needs to respond without any dead time.
+    /// The watched records, of given lengths, in seconds; `bias`: samples after which the plant responds without any dead time.
     #[must_use]
     pub fn new(
         seen: &Watched,
@@ -125,7 +125,7 @@ impl Moving {
         let time = |sample: f64| ts.to_seconds((sample - bias as f64).max(0.0));
         let mut stretches: Vec<AtOneDelay> = Vec::with_capacity(found.len());
         for (s, stretch) in found.iter().enumerate() {
-            // Away from its ends, which are uncertain.
+            // Away from the ends, which are uncertain.
             let from = stretch.began.map_or(stretch.samples.start, |b| b[1]);
             let next = found.get(s + 1).filter(|n| n.record == stretch.record);
             let to = next.and_then(|n| n.began).map_or(stretch.samples.end, |b| b[0]);

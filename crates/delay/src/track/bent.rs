@@ -1,15 +1,15 @@
-//! The alternative to a delay that moves: one delay behind a static nonlinearity of the input.
+//! The alternative to a time-varying delay: one delay behind a static nonlinearity of the input.
 
 use super::rows::Rows;
 
 /// Bends of the nonlinearity: a dead zone has two.
 const BENDS: usize = 2;
-/// Places of a bend that are tried over the range of the input, and then around the best of them.
+/// Grid points for a bend over the range of the input, and then around the best of them.
 const PLACES: usize = 15;
 const FINER: [f64; 3] = [0.5, 0.15, 0.05];
 
-/// e² of each row under y(t) = Σ aᵢ·y(t−i) + Σₖ Σⱼ bₖⱼ·fₖ(u(t−d−j)) + c + e(t), at the best of the delays given. f₀ is the input, the others are max(u − pₖ, 0). The places pₖ
-/// are chosen one after the other, each to reduce the cost most: thresholds, dead zones and limits. `None` where nothing is finite.
+/// e² of each row under y(t) = Σ aᵢ·y(t−i) + Σₖ Σⱼ bₖⱼ·fₖ(u(t−d−j)) + c + e(t), at the best of the delays given. f₀ is the input, the others are max(u − pₖ,
+/// 0). The positions pₖ are chosen one after the other, each with the largest cost reduction: thresholds, dead zones and limits. `None` without a finite value.
 pub(super) fn one_delay_with_bends(rows: &Rows, delays: &[usize]) -> Option<Vec<f64>> {
     let u = rows.input();
     let mut values = u.to_vec();
@@ -31,7 +31,7 @@ pub(super) fn one_delay_with_bends(rows: &Rows, delays: &[usize]) -> Option<Vec<
     delays.iter().filter_map(|d| best_of(*d)).min_by(|a, b| sum(a).total_cmp(&sum(b)))
 }
 
-/// The bend that takes most of `least` away in addition to those there are, and the e² it leaves.
+/// The additional bend with the largest reduction of `least`, and its e².
 fn next_bend(
     rows: &Rows,
     delay: usize,
@@ -93,7 +93,7 @@ mod tests {
         (0..samples).map(at).collect()
     }
 
-    /// A mass under viscous friction of this time constant and Coulomb friction, sample by sample; the delay is that of each sample.
+    /// A mass under viscous friction of this time constant and Coulomb friction, sample by sample, with one delay per sample.
     fn motor(u: &[f64], lag: f64, holds: f64, delay: impl Fn(usize) -> usize) -> Vec<f64> {
         let keeps = (-1.0 / lag).exp();
         let mut speed: f64 = 0.0;

@@ -1,6 +1,6 @@
-//! A log that grows, row by row, as the even samples that a tracker takes; and which of its answers are news.
+//! A growing log, converted row by row into the even samples of a tracker, and the events to report.
 //!
-//! Wrong when: most steps of time differ from one another by more than half of their median (there is then no sample time that they follow).
+//! Wrong when: most time steps differ from one another by more than half of their median; no sample time then exists.
 
 use std::collections::VecDeque;
 
@@ -12,29 +12,29 @@ use deadtime_signal::time::SampleTime;
 
 /// Rows from which the sample time is estimated.
 const FIRST: usize = 100;
-/// Parts of a row's distance from the grid by which the grid and its step follow (critically damped): a clock of the log that runs a little fast is no row too many.
+/// Share of a row's distance from the grid by which grid and step follow (critically damped). A slightly fast clock of the log then causes no extra rows.
 const FOLLOWED: f64 = 0.02;
 const STEP_FOLLOWED: f64 = FOLLOWED * FOLLOWED / 4.0;
-/// Behind so many missing rows the grid begins anew.
+/// Number of missing rows after which the grid restarts.
 const ANEW: f64 = 10.0;
-/// Stamps that are remembered, to say since when.
+/// Number of stored time stamps, for the start of a change.
 const STAMPS: usize = 1 << 16;
-/// Samples after an alarm within which the band comes to lie around the alarm's delay.
+/// Samples after an alarm until the band surrounds the alarm's delay.
 const SETTLING: usize = 200;
-/// A dead time has moved where its band is no wider than this, samples, and excludes the one reported for so many samples: at a jump it is wide.
+/// A dead time has moved where its band is below this width, samples, and excludes the reported one for this number of samples. At a jump the band is wide.
 const NARROW: f64 = 5.0;
 const HELD: usize = 100;
 
-/// How a log that grows is watched.
+/// The configuration for watching a growing log.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct LiveOptions {
     /// Longest dead time, s; default: that of `tracker`.
     pub max_delay_s: Option<f64>,
-    /// The tracker's. Its `learn` and `forget` are raised to what the search window asks for.
+    /// The tracker's options. `learn` and `forget` are raised to the values that the search window needs.
     pub tracker: TrackerOptions,
 }
 
-/// What is new.
+/// An event.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Told {
@@ -47,7 +47,7 @@ pub enum Told {
         /// Longest dead time that is searched, s.
         max_delay_s: f64,
     },
-    /// The response is identified: the dead time.
+    /// The response is identified; the first dead time.
     Delay {
         /// Time of the row, s.
         time_s: f64,
@@ -56,7 +56,7 @@ pub enum Told {
         /// Its 95 % band, s.
         ci95_s: [f64; 2],
     },
-    /// The dead time is another one.
+    /// The dead time changed.
     DelayChanged {
         /// Time of the row, s.
         time_s: f64,
@@ -64,10 +64,10 @@ pub enum Told {
         from_s: f64,
         /// Dead time now, s.
         to_s: f64,
-        /// Time of the first row of which it holds, s; `None`: longer ago than is remembered.
+        /// Time of the first row with the new dead time, s; `None`: earlier than the stored stamps.
         since_s: Option<f64>,
     },
-    /// The dead time moved gradually, out of the band reported last.
+    /// The dead time moved gradually out of the band reported last.
     DelayMoved {
         /// Time of the row, s.
         time_s: f64,
@@ -82,19 +82,19 @@ pub enum Told {
     ResponseChanged {
         /// Time of the row, s.
         time_s: f64,
-        /// Time of the first row of which it holds, s; `None`: longer ago than is remembered.
+        /// Time of the first row with the new response, s; `None`: earlier than the stored stamps.
         since_s: Option<f64>,
     },
-    /// Rows are missing, and with them the command: nothing is reported until it is known again over the whole search window.
+    /// Rows are missing, and with them the command. Reports resume once the command is known over the whole search window.
     RowsMissing {
-        /// Time of the last row before, s.
+        /// Time of the last row before the gap, s.
         from_s: f64,
-        /// Time of the row behind, s.
+        /// Time of the first row after the gap, s.
         to_s: f64,
     },
 }
 
-/// Takes the rows of a log and tells what is new.
+/// Takes the rows of a log and returns events.
 #[derive(Debug, Clone)]
 pub struct Live {
     options: LiveOptions,
@@ -118,15 +118,15 @@ struct Sample {
 struct Running {
     tracker: Tracker,
     ts: SampleTime,
-    /// The grid's step, s: the sample time, as the stamps go on.
+    /// The grid's step, s: the sample time of the stamps so far.
     step_s: f64,
-    /// Samples behind a missing command in which its consequences pass.
+    /// Samples after a missing command until its effects have passed.
     window: usize,
     /// The last sample on the grid, s.
     grid_s: f64,
-    /// And its stamp, s.
+    /// Its stamp, s.
     at_s: f64,
-    /// The command held where none is known.
+    /// The command held where the command is missing.
     u: f64,
     /// Samples until the command is known again over the whole window.
     blind: usize,
@@ -142,13 +142,13 @@ struct Running {
 }
 
 impl Live {
-    /// Nothing was seen.
+    /// A watcher without data.
     #[must_use]
     pub fn new(options: LiveOptions) -> Self {
         Self { options, stage: LiveStage::First(Vec::new()) }
     }
 
-    /// Takes a row: its time, s, later than that of the row before; the command and the response, `None` where they are missing.
+    /// Takes a row: its time, s, later than that of the previous row; the command and the response, `None` where missing.
     ///
     /// # Errors
     /// [`crate::error::DelayError`] for an option out of its range, once the sample time is known, and for a value that is not finite.
@@ -177,7 +177,7 @@ impl Live {
         Ok(reported)
     }
 
-    /// Discards all data: the recorder began again.
+    /// Discards all data: the recorder restarted.
     pub fn restart(&mut self) {
         self.stage = LiveStage::First(Vec::new());
     }
@@ -195,7 +195,7 @@ impl Live {
     }
 }
 
-/// The mean of the steps that are no more than half of their median away from it: stamps may be rounded, and rows may be missing.
+/// The mean of the steps within half of their median around it: stamps may be rounded, and rows may be missing.
 fn step_s(first: &[Sample]) -> f64 {
     let stamps: Vec<f64> = first.iter().map(|s| s.time_s).collect();
     let mut steps: Vec<f64> = neighbours(&stamps).map(|(before, after)| after - before).collect();
@@ -218,7 +218,7 @@ impl Running {
         let ts = SampleTime::new(step_s(first))?;
         let mut tracker = options.tracker.clone();
         if let Some(max_s) = options.max_delay_s {
-            // Beyond its range the tracker says so.
+            // Beyond its range the tracker returns an error.
             tracker.max_delay =
                 (max_s / ts.seconds()).ceil().clamp(0.0, 1e6) as usize + tracker.bias;
         }
@@ -258,7 +258,7 @@ impl Running {
         if missing >= self.window as f64 {
             reported.push(Told::RowsMissing { from_s: self.at_s, to_s: sample.time_s });
         }
-        // What is longer than the window says no more than the window.
+        // Gaps longer than the window count as the window.
         let held = missing.min(self.window as f64) as usize;
         for k in (1..=held).rev() {
             self.blind = self.window;
@@ -313,7 +313,7 @@ impl Running {
         Ok(())
     }
 
-    /// Reports the delay of a sample where it differs from what was reported last.
+    /// Reports the delay of a sample where it differs from the last report.
     fn follow(&mut self, time_s: f64, delay_s: f64, ci95_s: [f64; 2], reported: &mut Vec<Told>) {
         let narrow = ci95_s[1] - ci95_s[0] <= self.ts.to_seconds(NARROW);
         match (self.alarmed, self.reported) {
@@ -350,7 +350,7 @@ impl Running {
         (self.reported, self.alarmed, self.outside) = (Some((delay_s, ci95_s)), None, 0);
     }
 
-    /// The stamp of a sample that the tracker names by its own time, s.
+    /// The stamp of a sample given by the tracker's own time, s.
     fn stamp(&self, since_s: f64) -> Option<f64> {
         let sample = (since_s / self.ts.seconds()).round().max(0.0) as u64;
         let first = self.pushed - self.stamps.len() as u64;

@@ -1,4 +1,4 @@
-//! Delays that move: whether one delay describes a record, where it changes, and the delay against time.
+//! Time-varying delays: whether one delay describes a record, where it changes, and the delay against time.
 
 pub(crate) mod answer;
 mod bent;

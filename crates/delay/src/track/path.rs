@@ -1,11 +1,12 @@
-//! The path of delays that explains the rows best when each change has its price.
+//! The path of delays that fits the rows best with a penalty per change.
 
 use super::rows::{Errors, Rows};
 
-/// Minimises Σ e²/(2·variance) + price·(changes), each row with its own variance, over all paths of whole delays by dynamic programming, O(rows·delays): one delay a row.
+/// Minimises Σ e²/(2·variance) + price·(changes) over all paths of whole delays, one per row. Each row has its own variance; dynamic programming takes
+/// O(rows·delays).
 ///
-/// Source: the Viterbi algorithm for a hidden Markov model whose states are the delays; a change is as dear to every other delay, so that the best predecessor is either
-/// the same delay or the best of all. With this price it is optimal partitioning: Jackson et al. (2005), IEEE Signal Process. Lett. 12(2), 105-108,
+/// Source: the Viterbi algorithm for a hidden Markov model whose states are the delays. A change to any other delay has the same price, so the best predecessor
+/// is either the same delay or the best of all. With this price it is optimal partitioning: Jackson et al. (2005), IEEE Signal Process. Lett. 12(2), 105-108,
 /// doi:10.1109/LSP.2001.838216.
 pub(super) fn best_path(
     rows: &Rows,
@@ -15,7 +16,7 @@ pub(super) fn best_path(
 ) -> Vec<usize> {
     let delays = rows.orders.delays;
     let mut score = vec![0.0; delays];
-    // Of each row: the delay that was best before it, and which delays are reached from that one.
+    // For each row: the best delay before it, and the delays reached from that one.
     let (mut best_before, mut came) =
         (Vec::with_capacity(rows.len()), vec![false; rows.len() * delays]);
     for (i, variance) in variance.iter().enumerate() {
@@ -27,7 +28,7 @@ pub(super) fn best_path(
             .fold((0, f64::INFINITY), |m, s| if s.1 < m.1 { s } else { m });
         best_before.push(best);
         for (d, s) in score.iter_mut().enumerate() {
-            // From the least, so that sums stay small; the first row is reached from anywhere.
+            // Relative to the least, so that sums stay small; the first row is reached from any delay.
             let stay = *s - least;
             let jump = if i == 0 { 0.0 } else { price };
             came[i * delays + d] = jump < stay;
@@ -49,11 +50,11 @@ pub(super) fn best_path(
     path
 }
 
-/// Rows on either side whose errors say how large the noise of a row is.
+/// Rows on either side whose errors give the noise of a row.
 const NEAR: usize = 20;
 
-/// The variance of each row: the mean square of the errors around it, and no less than that of all. Where the noise bursts, or the model fails whatever the delay, a row
-/// weighs less; where the path explains a row, it weighs what it should.
+/// The variance of each row: the mean square of the errors around it, bounded below by that of all. Noise bursts, and model failures at any delay, reduce the
+/// weight of a row.
 pub(super) fn variances(squares: &[f64], floor: f64) -> Vec<f64> {
     let n = squares.len();
     let mut sums = Vec::with_capacity(n + 1);
@@ -82,7 +83,7 @@ pub(super) fn stretches(path: &[usize]) -> Vec<(std::ops::Range<usize>, usize)> 
     found
 }
 
-/// What the rows of a stretch gain by its own delay over another, in units of the logarithm of the likelihood.
+/// The gain in log-likelihood of a stretch's rows at its own delay over another delay.
 fn gain(
     errors: &Errors<'_>,
     variance: &[f64],
@@ -96,8 +97,8 @@ fn gain(
     .sum()
 }
 
-/// The path without the stretches that gain less than `price` over the delay before or behind them, or last less than `least` rows: they take that delay. The weakest goes
-/// first.
+/// The path without weak stretches, which take the previous or next delay. A stretch is weak if it gains less than `price` over that delay, or has fewer than
+/// `least` rows. The weakest stretch is removed first.
 pub(super) fn pruned(
     path: &[usize],
     errors: &Errors<'_>,
@@ -106,7 +107,7 @@ pub(super) fn pruned(
     least: usize,
 ) -> Vec<usize> {
     let mut kept = stretches(path);
-    // Many at once while they are many, so that a path which changes all the time takes no time of its own.
+    // Many at once while there are many, which bounds the run time for a path with constant changes.
     while kept.len() > 1 {
         let weakness = |s: usize| {
             let (rows, own) = &kept[s];
@@ -127,7 +128,7 @@ pub(super) fn pruned(
         weak.truncate(weak.len().div_ceil(AT_ONCE));
         let mut touched = vec![false; kept.len() + 2];
         for &(_, _, s, other) in &weak {
-            // No stretch whose neighbour has just gone.
+            // A stretch whose neighbour was just removed is kept.
             if !(touched[s] || touched[s + 1] || touched[s + 2]) {
                 kept[s].1 = other;
                 touched[s + 1] = true;
@@ -145,7 +146,7 @@ pub(super) fn pruned(
     kept.into_iter().flat_map(|(rows, d)| rows.map(move |_| d)).collect()
 }
 
-/// One in so many weak stretches goes at once.
+/// One in this many weak stretches is removed at once.
 const AT_ONCE: usize = 10;
 
 #[cfg(test)]
@@ -154,7 +155,7 @@ mod tests {
     use crate::track::rows::RowOrders;
     use deadtime_identify::Record;
 
-    /// Every path of so many rows over so many delays.
+    /// Every path of this number of rows and delays.
     fn every(rows: usize, delays: usize) -> Vec<Vec<usize>> {
         (0..delays.pow(rows as u32))
             .map(|n| (0..rows).map(|i| n / delays.pow(i as u32) % delays).collect())

@@ -1,11 +1,11 @@
-//! The rows of y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d(t)−j) + c + e(t), whose shape (a, b, c) stays while the delay d(t) moves.
+//! The rows of y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d(t)−j) + c + e(t). The shape (a, b, c) is constant, the delay d(t) varies.
 
 use nalgebra::{DMatrix, DVector};
 
 use deadtime_identify::Record;
 use deadtime_signal::stats;
 
-/// Orders of the model and the delays that it may have.
+/// Orders and delays of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct RowOrders {
     /// Past outputs.
@@ -17,7 +17,7 @@ pub(super) struct RowOrders {
 }
 
 impl RowOrders {
-    /// The first row that sees no sample before the record, at any delay.
+    /// The first row that needs no sample before the record, at any delay.
     pub(super) fn first(self) -> usize {
         self.na.max(self.delays + self.nb - 1)
     }
@@ -28,7 +28,7 @@ impl RowOrders {
     }
 }
 
-/// The response without its delay: the coefficients of the past outputs, of the input from its delay on, and the offset.
+/// The response without its delay: the coefficients of the past outputs, those of the input from its delay on, and the offset.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::track) struct ResponseShape {
     pub(in crate::track) a: Vec<f64>,
@@ -36,17 +36,17 @@ pub(in crate::track) struct ResponseShape {
     pub(in crate::track) level: f64,
 }
 
-/// Share of a column's own norm that is added to its diagonal: smooth inputs and outputs without noise make columns nearly alike.
+/// Relative ridge on the diagonal: smooth inputs and noise-free outputs make columns nearly dependent.
 const RIDGE: f64 = 1e-11;
 
-/// The samples of all records one behind the other, and the rows that see no sample of another record nor a missing one.
+/// The concatenated samples of all records, and the rows without samples of another record or missing ones.
 pub(super) struct Rows {
     pub(super) orders: RowOrders,
     u: Vec<f64>,
     y: Vec<f64>,
     /// The sample of each row.
     pub(super) at: Vec<usize>,
-    /// Where each record begins.
+    /// The first sample of each record.
     pub(super) begins: Vec<usize>,
     /// Σy² over the rows, about their mean.
     pub(super) power: f64,
@@ -84,8 +84,8 @@ impl Rows {
         (record, t - self.begins[record])
     }
 
-    /// The shape that fits best where row i has the delay `path(i)`, and its Σe². `None` where the columns leave no finite answer.
-    /// A delay between whole ones takes the straight line between their inputs.
+    /// The best-fitting shape for the delay `path(i)` in row i, and its Σe². `None` without a finite solution. A fractional delay interpolates linearly between
+    /// its inputs.
     pub(super) fn fit(&self, path: impl Fn(usize) -> f64) -> Option<(ResponseShape, f64)> {
         let RowOrders { na, nb, .. } = self.orders;
         let columns = na + nb + 1;
@@ -114,7 +114,7 @@ impl Rows {
         Some((shape, left))
     }
 
-    /// e² of every row at one delay where the inputs have coefficients each: least squares. `None` where the columns leave no finite answer.
+    /// e² of every row at one delay, where each input has its own coefficients: least squares. `None` without a finite solution.
     pub(super) fn squares_of(&self, delay: usize, inputs: &[&[f64]]) -> Option<Vec<f64>> {
         let RowOrders { na, nb, .. } = self.orders;
         let columns = na + nb * inputs.len() + 1;
@@ -146,12 +146,12 @@ impl Rows {
         Some(self.at.iter().map(square).collect())
     }
 
-    /// The input of all records, one behind the other.
+    /// The concatenated input of all records.
     pub(super) fn input(&self) -> &[f64] {
         &self.u
     }
 
-    /// What the past outputs and the level leave of each row, and the drive Σ bⱼ·u(t−j) at every sample: the error of delay d is `left[i] − drive[at[i] − d]`.
+    /// The residual of each row after past outputs and offset, and the drive Σ bⱼ·u(t−j) at every sample. The error of delay d is `left[i] − drive[at[i] − d]`.
     pub(super) fn errors(&self, shape: &ResponseShape) -> Errors<'_> {
         let left = (self.at.iter())
             .map(|&t| {
@@ -188,7 +188,7 @@ impl Errors<'_> {
         self.left[row] - self.drive[self.at[row] - delay]
     }
 
-    /// Between whole delays, by the straight line between their responses: what a held input gives a plant that is slow against the sample.
+    /// At a fractional delay, by linear interpolation of the responses, as for a held input and a plant slow compared with the sample.
     pub(super) fn between(&self, row: usize, delay: f64) -> f64 {
         let (low, part) = split(delay);
         let next = if part > 0.0 { part * self.drive[self.at[row] - low - 1] } else { 0.0 };
@@ -196,7 +196,7 @@ impl Errors<'_> {
     }
 }
 
-/// Whole samples and the rest of a delay.
+/// Whole samples, and the fraction.
 pub(super) fn split(delay: f64) -> (usize, f64) {
     let whole = delay.max(0.0).floor();
     (whole as usize, delay.max(0.0) - whole)
@@ -212,7 +212,7 @@ fn add_products(gram: &mut DMatrix<f64>, row: &[f64]) {
     }
 }
 
-/// θ of the normal equations in a Gram matrix of [regressors, target], columns scaled to norm 1, and the Σe² that it leaves.
+/// θ of the normal equations from a Gram matrix of [regressors, target], columns scaled to norm 1, and its Σe².
 pub(in crate::track) fn solve(gram: &DMatrix<f64>) -> Option<(Vec<f64>, f64)> {
     let columns = gram.nrows() - 1;
     let scale: Vec<f64> = (0..columns)

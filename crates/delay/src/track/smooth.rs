@@ -4,18 +4,18 @@ use super::rows::split;
 use super::watch::Watched;
 use deadtime_identify::Record;
 
-/// Steps of the grid of delays, samples, from the finest; the finest that keeps rows times delays within [`MOST`] is taken.
+/// Steps of the grid of delays, samples; the finest one with rows times delays within [`MOST`] is used.
 const STEPS: [f64; 3] = [0.25, 0.5, 1.0];
-/// Rows times delays that are kept at once.
+/// Largest number of rows times delays in memory.
 const MOST: usize = 8_000_000;
-/// Probabilities of a step to a neighbour, by row, of which the likeliest is taken: a delay that stands, one that drifts, one that wanders.
+/// Probabilities of a step to a neighbour, by row, of which the likeliest is used: a constant, drifting, or wandering delay.
 const DRIFTS: [f64; 4] = [1e-6, 1e-3, 1e-2, 1e-1];
-/// Jumps to any other delay that a record is expected to have: fewer than one, as a band that allows for more says nothing where nothing moves.
+/// Expected number of jumps to any other delay in a record. Below one, because a wider prior makes the band uninformative for a constant delay.
 const JUMPS: f64 = 0.1;
-/// Turns of shape and track.
+/// Iterations of shape and track.
 const TURNS: usize = 2;
 
-/// The delay against time: mean and 95 % band of its distribution given all rows, raw samples, relative to the shape of [`Watched`].
+/// The delay against time: mean and 95 % band of its distribution given all rows. Values are raw samples, relative to the shape of [`Watched`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Track {
     /// Record and sample of each row.
@@ -76,19 +76,19 @@ impl Watched {
     }
 }
 
-/// A delay that changes at one rate: its value at the first row, its rate by row, and what it gains over one delay, less the price of a rate.
+/// A drift of the delay: its value at the first row, its rate by row, and its gain over one delay minus the penalty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drift {
     /// Raw samples at the first sample of the record.
     pub first: f64,
-    /// Samples by sample.
+    /// Samples per sample.
     pub rate: f64,
-    /// In units of the logarithm of the likelihood.
+    /// In units of log-likelihood.
     pub gain: f64,
 }
 
 impl Watched {
-    /// The straight line through a track of one record, weighed by its band; `None` for several records, whose times are not one.
+    /// The straight line through the track of one record, weighted by its band; `None` for several records, whose times differ.
     #[must_use]
     pub fn drift(&self, track: &Track, price: f64) -> Option<Drift> {
         if self.rows.begins.len() != 1 || track.mean.len() < 2 {
@@ -123,7 +123,8 @@ impl Watched {
 }
 
 impl Track {
-    /// The records with their inputs moved so that one delay, `reference`, describes them: what is commanded at τ is what the track says acts `reference` samples later.
+    /// The records with their inputs shifted so that one delay, `reference`, describes them. The command at τ moves to `reference` samples before its effect in
+    /// the track.
     #[must_use]
     pub fn straightened<'a>(&self, records: &'a [Record<'_>], reference: f64) -> Vec<Record<'a>> {
         let ahead = reference.round().max(0.0) as usize;
@@ -162,19 +163,19 @@ struct Smoothed {
     log_likelihood: f64,
 }
 
-/// One step of the chain: stays, goes to a neighbour, or jumps anywhere; p and the result sum to 1.
+/// One step of the chain: stays, moves to a neighbour, or jumps anywhere; p and the result sum to 1.
 pub(in crate::track) fn step(p: &[f64], drift: f64, jump: f64, to: &mut [f64]) {
     let count = p.len();
     let anywhere = jump / count as f64;
     for (d, next) in to.iter_mut().enumerate() {
-        // At the ends what would go beyond stays.
+        // The ends reflect.
         let low = p[d.saturating_sub(1)];
         let high = p[(d + 1).min(count - 1)];
         *next = (1.0 - jump) * ((1.0 - drift) * p[d] + 0.5 * drift * (low + high)) + anywhere;
     }
 }
 
-/// The filter: log-likelihood, and the distributions of each row, one behind the other, where they are wanted.
+/// The filter: log-likelihood, and on request the concatenated distributions of each row.
 fn forward(
     n: usize,
     count: usize,
@@ -267,7 +268,7 @@ mod tests {
         let (mut total, mut first) = (0.0, [0.0; 4]);
         for n in 0..81usize {
             let path = [n % 3, n / 3 % 3, n / 9 % 3, n / 27];
-            // The first row is one step from a uniform start, which stays uniform.
+            // The first row is one step from a uniform start, which remains uniform.
             let mut p = 1.0 / 3.0;
             for i in 0..4 {
                 p *= likelihood[i][path[i]]

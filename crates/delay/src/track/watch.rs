@@ -6,30 +6,30 @@ use super::rows::{Errors, ResponseShape, RowOrders, Rows};
 use crate::estimator::Search;
 use deadtime_identify::{Record, arx_scan};
 
-/// A test for a delay that changes.
+/// A test for a time-varying delay.
 ///
-/// y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d(t)−j) + c + e(t): the shape (a, b, c) is that of the whole record and fitted with the delays, which change at a price. Past outputs
-/// make e white whatever the colour of the noise, hold under feedback, and need no stable plant. Shape and path are fitted in turns. A likelihood of delays has many maxima, so
-/// several starts are tried: the best constant delays of halves and thirds of each record.
+/// y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d(t)−j) + c + e(t): the shape (a, b, c) is that of the whole record. The shape is fitted with the delays, and each change has
+/// a penalty. Past outputs make e white for any noise colour, remain valid under feedback, and need no stable plant. Shape and path are fitted alternately. The
+/// likelihood of delays has many maxima, so several starts are used: the best constant delays of halves and thirds of each record.
 ///
-/// A change is claimed where the log-likelihood of the path exceeds that of one delay for the whole record by more than its price (a generalised likelihood ratio), each row
-/// weighed by the errors around it. It must exceed by as much that of one delay behind a static nonlinearity of the input (`bent`): static friction under a slow input
-/// looks like a delay that grows.
-/// The default price was set on draws with one delay; `docs/results/studies/track.md` has its rate of false alarms on others.
+/// A change is reported where the log-likelihood of the path exceeds that of one constant delay by more than its penalty (a generalised likelihood ratio). Each
+/// row is weighted by the errors around it. The path must exceed by as much the log-likelihood of one delay behind a static input nonlinearity (`bent`). Static
+/// friction under a slow input resembles a growing delay. The default penalty was set on draws with one delay; `docs/results/studies/track.md` has the
+/// false-alarm rate on others.
 ///
-/// Wrong when: nothing moves around the change (its time is then open between two motions, and reported so; with nothing after it, it is not seen); the input repeats within
-/// the window (delays a period apart fit alike); the plant changes with the delay, or instead of it (a change of the lag is then reported as one of the delay); or the plant
-/// is nonlinear elsewhere than at its input.
+/// Wrong when: the signals rest around the change: its time is then uncertain between two motions, and reported so. Without later motion the change is not
+/// detected. An input that repeats within the window fits delays one period apart equally. A plant change with the delay, or instead of it, is an alias: a
+/// change of the lag is reported as one of the delay. Nonlinearities elsewhere than at the input are not modelled.
 ///
-/// Source: generalised likelihood ratio: Basseville and Nikiforov (1993), "Detection of Abrupt Changes", section 2.4; a hidden Markov model whose state is the delay, its
-/// shape re-estimated along the best path: Rabiner (1989), Proc. IEEE 77(2), 257-286, doi:10.1109/5.18626.
+/// Source: for the generalised likelihood ratio Basseville and Nikiforov (1993), "Detection of Abrupt Changes", section 2.4. For a hidden Markov model whose
+/// state is the delay, with its shape re-estimated along the best path: Rabiner (1989), Proc. IEEE 77(2), 257-286, doi:10.1109/5.18626.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Watch {
     /// Past outputs of the model; default 8.
     pub na: usize,
     /// Input coefficients of the model; default 6.
     pub nb: usize,
-    /// What a change of the delay must gain, in units of the logarithm of the likelihood; default 15.
+    /// Penalty of a change of the delay, in units of log-likelihood; default 15.
     pub price: f64,
 }
 
@@ -39,48 +39,48 @@ impl Default for Watch {
     }
 }
 
-/// Share of the error that a claim must explain: in a long record a model that is a little wrong would gain as much by anything.
+/// Share of the error that a reported change must explain: in a long record a slightly wrong model gains significantly by any extension.
 const LEAST_SHARE: f64 = 0.01;
 /// Rows by coefficient and delay that a record must have.
 const ROWS: usize = 2;
-/// Turns of shape and path.
+/// Iterations of shape and path.
 const TURNS: usize = 10;
-/// Records that lend their parts as starts.
+/// Number of records whose parts are used as starts.
 const RECORDS: usize = 8;
 /// The share of the output's power below which no error is distinguishable from rounding.
 const ROUNDING: f64 = 1e-12;
 
-/// Rows at one delay.
+/// Rows of constant delay.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stretch {
     /// The record.
     pub record: usize,
-    /// Its samples, from the first to the one behind the last.
+    /// Its samples, half-open.
     pub samples: std::ops::Range<usize>,
-    /// Where it began, 95 %: the first and the last sample that may be its first. `None` where a record begins.
+    /// Its beginning, 95 %: the first and the last sample that may be its first. `None` where a record begins.
     pub began: Option<[usize; 2]>,
     /// The raw delay, samples.
     pub delay: usize,
 }
 
-/// What a record shows.
+/// The result for a record.
 pub struct Watched {
     pub(super) rows: Rows,
     pub(super) shape: ResponseShape,
     pub(super) variance: Vec<f64>,
     pub(super) path: Vec<usize>,
-    /// Samples by which the output was taken earlier.
+    /// Samples by which the output is shifted earlier.
     pub(super) skip: usize,
-    /// What one delay leaves of each row.
+    /// The residual of each row at one delay.
     pub(super) steady: Vec<f64>,
-    /// What the path gains over one delay, less the price of its changes; 0 where there is none.
+    /// The gain of the path over one delay minus the penalties of its changes; 0 without changes.
     pub gain: f64,
-    /// The share of the squared errors of one delay that the path takes away.
+    /// The share of the squared errors of one delay that the path removes.
     pub share: f64,
 }
 
 impl Watch {
-    /// Looks at the records of one pair, means taken off. `None` where they are too short for the window and the orders, or leave no finite answer.
+    /// Tests the records of one pair, means subtracted. `None` where they are too short for the window and the orders, or without a finite solution.
     #[must_use]
     pub fn look(&self, records: &[Record<'_>], search: &Search) -> Option<Watched> {
         let skip = search.min_delay.min(search.max_delay.saturating_sub(1));
@@ -125,7 +125,8 @@ impl Watch {
         Some(best)
     }
 
-    /// The path explains the rows better than one delay behind a static nonlinearity of the input, by more than the price of its changes. `one`: the best constant delay.
+    /// The path fits the rows better than one delay behind a static nonlinearity of the input, by more than the penalties of its changes. `one`: the best
+    /// constant delay.
     fn outdoes_bends(&self, found: &Watched, one: usize) -> bool {
         let shown = stretches(&found.path);
         let mut delays: Vec<usize> = shown.iter().map(|(_, delay)| *delay).chain([one]).collect();
@@ -138,7 +139,7 @@ impl Watch {
         gain > self.price * (shown.len() - 1) as f64
     }
 
-    /// Shape and path by turns from one start; what gains more takes the place of what was best.
+    /// Alternating fits of shape and path from one start; a larger gain replaces the best.
     fn improve(&self, best: &mut Watched, mut shape: ResponseShape, variance: f64, small: f64) {
         let n = best.rows.len();
         let mut variance = vec![variance; n];
@@ -178,7 +179,7 @@ impl Watched {
         self.gain <= 0.0
     }
 
-    /// The stretches at one delay; a record that begins begins another.
+    /// The stretches of constant delay; a new record begins a new stretch.
     #[must_use]
     pub fn stretches(&self) -> Vec<Stretch> {
         let errors = self.rows.errors(&self.shape);
@@ -218,7 +219,7 @@ impl Watched {
         (record, sample + self.skip)
     }
 
-    /// The first and the last row at which a change from one delay to another may lie, 95 %: its likelihood over all places, added up.
+    /// The first and the last row of a change from one delay to another, 95 %, from its normalised likelihood over all rows.
     fn began(
         &self,
         errors: &Errors<'_>,
@@ -233,7 +234,7 @@ impl Watched {
             log.push(sum);
             sum += 0.5 * (errors.whole(i, to).powi(2) - errors.whole(i, from).powi(2))
                 / self.variance[i];
-            // A change behind row i leaves row i at the delay before.
+            // After a change behind row i, row i still has the earlier delay.
         }
         let top = log.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let weights: Vec<f64> = log.iter().map(|l| (l - top).exp()).collect();
@@ -271,7 +272,7 @@ fn parts<'a>(records: &'a [Record<'_>]) -> Vec<Record<'a>> {
     records.iter().take(RECORDS).flat_map(cut).collect()
 }
 
-/// The shape of the best constant delay of a part, and what it leaves of a row.
+/// The shape of the best constant delay of a part, and its mean square error per row.
 fn start(part: &Record<'_>, orders: RowOrders, max_delay: usize) -> Option<(ResponseShape, f64)> {
     let scan = arx_scan(std::slice::from_ref(part), orders.na, orders.nb, max_delay);
     let best = (0..orders.delays)

@@ -1,4 +1,4 @@
-//! The answer of a method, and the conditions of the record under which it cannot be trusted.
+//! The estimate of a method, and the conditions of the record under which it is not trusted.
 
 use super::earned::earned;
 use super::mixture::Answer;
@@ -9,13 +9,13 @@ use crate::posterior::RESOLUTION;
 use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::time::SampleTime;
 
-/// A method, its answer, and the standard deviation expected of it before it ran, s.
+/// A method, its estimate, and its predicted standard deviation, s.
 pub type Said<'a> = (&'a Method, &'a DelayEstimate, Option<f64>);
 
-/// The conditions of the record that an answer does not withstand; empty where the answer can be used.
+/// The conditions of the record that an estimate does not withstand; empty for a usable estimate.
 ///
-/// An answer from the open-loop part of the input withstands feedback with any method. The disturbance of that part is the loop's, which is never white. Where the
-/// record is of one step and no model of more poles fits it better, the model includes the plant's lag.
+/// An estimate from the open-loop part of the input withstands feedback with any method. The disturbance of that part is the loop's, which is never white.
+/// Where the record is of one step and no model of more poles fits it better, the model includes the plant's lag.
 #[must_use]
 pub fn distrust(method: &Method, estimate: &DelayEstimate, findings: &[Finding]) -> Vec<Condition> {
     let shown = findings
@@ -31,10 +31,10 @@ pub fn distrust(method: &Method, estimate: &DelayEstimate, findings: &[Finding])
         .collect()
 }
 
-/// What an answer without a standard deviation adds to its squared error.
+/// Addition to the squared error of an estimate without a standard deviation.
 const VAGUE: f64 = 1e12;
 
-/// An answer with a delay.
+/// An estimate with a delay.
 pub(super) struct FoundDelay<'a> {
     pub(super) method: &'a str,
     pub(super) class: Class,
@@ -49,14 +49,14 @@ pub(super) struct FoundDelay<'a> {
     open_s: [f64; 2],
     pub(super) distrust: Vec<Condition>,
     pub(super) contradicted: bool,
-    /// It answers sooner than the plant can respond.
+    /// The estimate is earlier than the plant can respond.
     pub(super) within: bool,
-    /// Standard deviation, s, of a model that resolves fractions of a sample and has enough poles: at least its tolerance and its expected accuracy.
+    /// Standard deviation, s, of a model that resolves fractions of a sample and has enough poles; at least its tolerance and its predicted accuracy.
     pub(super) of_all_inputs_s: Option<f64>,
 }
 
 impl<'a> FoundDelay<'a> {
-    /// `None` for an answer without a delay.
+    /// `None` for an estimate without a delay.
     pub(super) fn new(
         (method, estimate, predicted_s): &Said<'a>,
         findings: &[Finding],
@@ -93,7 +93,7 @@ impl<'a> FoundDelay<'a> {
         })
     }
 
-    /// The answer in a mixture, with this weight.
+    /// The estimate in a mixture, with this weight.
     pub(super) fn answer(&self, weight: f64) -> Answer {
         Answer { delay_s: self.delay_s, interval_s: self.interval_s, least_s: self.least_s, weight }
     }

@@ -1,9 +1,9 @@
-//! The verdict on a pair, its grounds, and the facts of the record that it depends on.
+//! The verdict on a pair, its grounds, and the record's facts behind it.
 
 /// The dead time, or none, and a sentence with the reason.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Verdict {
-    /// The dead time, s; `None` where no answer can be trusted.
+    /// The dead time, s; `None` without a trusted estimate.
     pub delay_s: Option<f64>,
     /// Its 95 % interval, s.
     pub ci95_s: Option<[f64; 2]>,
@@ -23,7 +23,7 @@ impl Verdict {
         Self { delay_s: None, ci95_s: None, why, method: None, grounds: Grounds::default() }
     }
 
-    /// One more reason why the number may be unusable.
+    /// One more reason why the value may be unusable.
     pub(crate) fn doubt(&mut self, words: &str) {
         self.grounds.doubt(&mut self.why, words);
     }
@@ -36,27 +36,27 @@ pub struct Grounds {
     pub agree: Vec<String>,
     /// The others used, with the delay of each, s.
     pub differ: Vec<(String, f64)>,
-    /// Why the number may be unusable.
+    /// Why the value may be unusable.
     pub doubts: Vec<String>,
 }
 
 impl Grounds {
-    /// One more reason why the number may be unusable, appended to the sentence `why`.
+    /// One more reason why the value may be unusable, appended to the sentence `why`.
     pub(super) fn doubt(&mut self, why: &mut String, words: &str) {
         why.push_str(&format!("; {words}"));
         self.doubts.push(words.to_owned());
     }
 }
 
-/// Facts of the record that no method's answer contains.
+/// Facts of the record that no method's estimate contains.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RecordFacts {
-    /// By how much a response may look too early, s: the log was resampled onto another grid, or its input was logged more seldom than its output.
+    /// The largest apparent lead of a response, s: the log was resampled onto another grid, or its input logged less often than its output.
     pub early_s: f64,
-    /// The record shows that the output reacts to the input within the sample.
+    /// The output reacts to the input within the sample.
     pub direct: bool,
     /// The input moves once.
     pub one_step: bool,
-    /// Other inputs visibly act: models of all inputs resolve the fraction; the other methods see the output without the effect of the others.
+    /// Other inputs have visible effects: models of all inputs resolve the fraction; the other methods use the output without those effects.
     pub others_act: bool,
 }

@@ -1,16 +1,16 @@
-//! The error of each method in a study, and the methods that lead.
+//! The error of each method in a study, and the leading methods.
 //!
-//! A method leads where eᵢ ≤ min e/ρ, e the root-mean-square errors and ρ the correlation of two methods' errors. Beyond that ratio the best combination of the two gives the
-//! worse one no weight.
+//! A method leads where eᵢ ≤ min e/ρ, with e the root-mean-square errors and ρ the correlation of two methods' errors. Beyond that ratio the best combination
+//! of the two gives the worse one no weight.
 //!
-//! How it can be wrong: the errors are those of plants in open loop.
+//! How it can be wrong: the errors were measured on plants in open loop.
 //!
 //! Source: Bates and Granger (1969), Operational Research Quarterly 20(4), 451-468, doi:10.2307/3008764, for the combination of two forecasts and the sign of its weights.
 
-/// Root-mean-square errors over those of `oe_posterior` on the same records, where the method's answer is used.
+/// Root-mean-square errors relative to `oe_posterior` on the same records, where the method's estimate is used.
 ///
-/// The records are 70 of each of the kinds `ordinary` and `benchmark` of lab/src/bin/verdict_study.rs, seeds from 100 000. Each method gets five more records with 1.5 times
-/// the error, so that few records make no method the best.
+/// The records are 70 of each of the kinds `ordinary` and `benchmark` of lab/src/bin/verdict_study.rs, seeds from 100 000. Each method gets five more records
+/// with 1.5 times the error, so that a small number of records does not make a method the best.
 const EARNED: &[(&str, f64)] = &[
     ("p3d", 1.02),
     ("oe_posterior", 1.04),
@@ -49,7 +49,7 @@ const EARNED: &[(&str, f64)] = &[
     ("threshold_step", 5.08),
     ("elnaggar", 5.70),
 ];
-/// The error of methods without an answer there, and of those for other records.
+/// The error of methods without an estimate there, and of those for other records.
 const ELSE: f64 = 3.5;
 /// The mean correlation of the errors of two of the eight best methods on the same records.
 const CORRELATION: f64 = 0.69;
@@ -59,7 +59,7 @@ pub(super) fn earned(method: &str) -> f64 {
     EARNED.iter().find(|(name, _)| *name == method).map_or(ELSE, |(_, error)| *error)
 }
 
-/// Whether a method leads where the best one of those that agree has the error `best`.
+/// Whether a method leads where the best agreeing method has the error `best`.
 pub(super) fn leads(method: &str, best: f64) -> bool {
     earned(method) * CORRELATION <= best
 }

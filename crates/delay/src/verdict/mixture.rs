@@ -1,9 +1,9 @@
-//! The mixture of answers that agree: its median, and the ends of its 95 % interval.
+//! The mixture of agreeing estimates: its median, and the ends of its 95 % interval.
 //!
-//! Equation: the mixture Σ wᵢ·Fᵢ/Σ wᵢ, Fᵢ a normal law to either side of the answer's delay, with the standard deviation of that side of its interval. The number is the
-//! median of the mixture, the interval reaches from its 2.5 % to its 97.5 % point.
+//! Equation: the mixture Σ wᵢ·Fᵢ/Σ wᵢ. Fᵢ is normal on either side of the estimate, with the standard deviation of that side of its interval. The value is the
+//! median of the mixture; the interval reaches from its 2.5 % to its 97.5 % quantile.
 //!
-//! How it can be wrong: methods that share a wrong model make one error, which the mixture weighs once for each of them.
+//! How it can be wrong: methods that share a wrong model make one error, which the mixture weights once for each of them.
 //!
 //! Source: Stone (1961), Ann. Math. Statist. 32(4), 1339-1342, doi:10.1214/aoms/1177704873, for the mixture of opinions.
 
@@ -12,12 +12,12 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Share of the mixture beyond either end.
 const BEYOND: f64 = 0.025;
-/// Halvings of the bracket of an end.
+/// Bisections for an end.
 const HALVINGS: usize = 60;
-/// Standard deviations beyond which an answer has no mass.
+/// Standard deviations beyond which an estimate has no mass.
 const ALL: f64 = 8.0;
 
-/// Each standard deviation over their median, 1 at least; the median of an even number is the larger of the two in the middle.
+/// Each standard deviation over their median, at least 1; for an even number the median is the larger of the two in the middle.
 pub(super) fn vagueness(stds: &[f64]) -> Vec<f64> {
     let mut sorted = stds.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -25,7 +25,7 @@ pub(super) fn vagueness(stds: &[f64]) -> Vec<f64> {
     stds.iter().map(|std| (std / middle).max(1.0)).collect()
 }
 
-/// One answer of several.
+/// One estimate of several.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Answer {
     /// s.
@@ -59,15 +59,15 @@ impl Answer {
     }
 }
 
-/// The median of the mixture: a single distant answer moves it little.
+/// The median of the mixture; a single distant estimate moves it little.
 pub(super) fn median(answers: &[Answer]) -> f64 {
     let first = answers.first().map_or(0.0, |a| a.delay_s);
-    // Equal answers have their own value.
+    // Equal estimates return their common value.
     let same = answers.iter().all(|a| (a.delay_s - first).abs() <= f64::EPSILON * first.abs());
     if same { first } else { quantile(answers, 0.5) }
 }
 
-/// The interval of all answers together; that of one answer is its own.
+/// The interval of all estimates together; for a single estimate its own.
 pub(super) fn interval(answers: &[Answer]) -> [f64; 2] {
     if let [only] = answers {
         return only.interval_s;
@@ -75,7 +75,7 @@ pub(super) fn interval(answers: &[Answer]) -> [f64; 2] {
     [quantile(answers, BEYOND), quantile(answers, 1.0 - BEYOND)]
 }
 
-/// The delay below which a share of the mixture lies.
+/// The quantile of the mixture at a share.
 fn quantile(answers: &[Answer], share: f64) -> f64 {
     let normal = Normal::standard();
     let all: f64 = answers.iter().map(|a| a.weight).sum();

@@ -1,4 +1,4 @@
-//! The verdict on the answers of many methods for one pair.
+//! The verdict on the estimates of many methods for one pair.
 
 pub(crate) mod answer;
 pub(crate) mod conclusion;

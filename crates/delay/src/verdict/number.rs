@@ -1,16 +1,17 @@
-//! Number and interval of a verdict, from the answers that agree.
+//! Value and interval of a verdict, from the agreeing estimates.
 //!
-//! Equation: two mixtures of the leading answers ([`super::earned`]). In the first, an answer has the weight 1/(eᵢ·max(1, sᵢ/s))²: eᵢ is the method's error in the study, sᵢ its own
-//! standard deviation and s the median of these. In the second, the weight is its class's vote over eᵢ². The number is the median of the first mixture. The interval is
-//! the hull of both mixtures' 95 % intervals.
+//! Equation: two mixtures of the leading estimates ([`super::earned`]). In the first, an estimate has the weight 1/(eᵢ·max(1, sᵢ/s))². eᵢ is the method's error
+//! in the study, sᵢ its own standard deviation and s the median of these. In the second, the weight is its class's vote over eᵢ². The value is the median of
+//! the first mixture. The interval is the hull of both mixtures' 95 % intervals.
 //!
-//! An answer vaguer than most weighs less in the first mixture, and none weighs more for a small standard deviation. One class may have most of that weight; the second
-//! mixture then widens the interval to the answers of the other classes.
+//! An estimate with a standard deviation above the median has a lower weight in the first mixture; a small standard deviation does not raise it. One class may
+//! have most of that weight; the second mixture then widens the interval to the estimates of the other classes.
 //!
-//! Where other inputs act, and models in the group fit all inputs together, number and interval are those of one mixture: these models, weighted by 1/sᵢ². Such a model resolves
-//! fractions of a sample, and no larger model fits better. The other methods see an output without the effect of the other inputs, and only vote.
+//! Where other inputs have effects and some models fit all inputs together, value and interval come from one mixture: these models, weighted by 1/sᵢ². Such a
+//! model resolves fractions of a sample, and no larger model fits better. The other methods use the output without the effect of the other inputs, and only
+//! vote.
 //!
-//! How it can be wrong: methods that share a wrong model agree, and lead together; the hull holds no answer outside the group.
+//! How it can be wrong: methods that share a wrong model agree, and lead together; the hull contains no estimate outside the group.
 
 use super::answer::FoundDelay;
 use super::conclusion::RecordFacts;
@@ -18,17 +19,17 @@ use super::earned::{earned, leads};
 use super::mixture::{Answer, interval, median, vagueness};
 use super::votes::Group;
 
-/// Answers with their weights in a mixture.
+/// Estimates with their weights in a mixture.
 type Weighted<'a, 'b> = Vec<(&'b FoundDelay<'a>, f64)>;
 
-/// The number of a verdict.
+/// The value of a verdict.
 pub(super) struct Number<'a, 'b> {
-    /// The answer with the largest weight.
+    /// The estimate with the largest weight.
     pub(super) chosen: &'b FoundDelay<'a>,
     pub(super) delay_s: f64,
     /// 95 %, s.
     pub(super) interval_s: [f64; 2],
-    /// Number and interval are those of models of all inputs.
+    /// Value and interval come from models of all inputs.
     pub(super) of_all_inputs: bool,
     /// The output reacts within the sample: a direct path.
     pub(super) direct: bool,
@@ -62,7 +63,7 @@ impl<'a, 'b> Number<'a, 'b> {
     }
 }
 
-/// Answers weighted by the error of their methods in the study. One vaguer than the median of all weighs less.
+/// Estimates weighted by the error of their methods in the study. A standard deviation above the median of all lowers the weight.
 fn weighted_by_error<'a, 'b>(leading: &[(&'b FoundDelay<'a>, f64)]) -> Weighted<'a, 'b> {
     let stds: Vec<f64> = leading.iter().map(|(f, _)| f.answer(1.0).std()).collect();
     let vague = vagueness(&stds);
@@ -73,7 +74,7 @@ fn weighted_by_error<'a, 'b>(leading: &[(&'b FoundDelay<'a>, f64)]) -> Weighted<
         .collect()
 }
 
-/// The answer with the largest weight, and the number and the interval of the mixture, s.
+/// The estimate with the largest weight, and the value and the interval of the mixture, s.
 fn together<'a, 'b>(
     judges: &[(&'b FoundDelay<'a>, f64)],
     lead: &'b FoundDelay<'a>,

@@ -9,7 +9,7 @@ use crate::method::{Class, Condition, Method};
 /// The experiment that distinguishes a plant from the loop around it.
 pub(crate) const EXPERIMENT: &str = "move the set point, or add a random binary signal to the command, by as much as noise moves it at least, log that signal and estimate with it as the input";
 
-/// Why there is no verdict before any answer is weighed, where there is a reason. `trusted` is the number of answers in `found` that can be trusted.
+/// The reason for no verdict before any estimate is weighted, where one exists. `trusted` is the number of trusted estimates in `found`.
 pub(super) fn refused(
     (found, trusted): (&[FoundDelay<'_>], usize),
     answers: &[Said<'_>],
@@ -49,7 +49,7 @@ pub(super) fn refused(
     ))
 }
 
-/// Why there is no verdict where every answer comes within one sample.
+/// The reason for no verdict where every estimate lies within one sample.
 pub(super) fn too_soon(found: &[FoundDelay<'_>]) -> String {
     format!(
         "the response comes within one sample of the command, sooner than a strictly proper plant answers, and the record shows no direct path: feedback, clocks that differ, or a command logged too seldom ({}); give the relative degree 0 if there is a direct path, else {EXPERIMENT}",
@@ -57,8 +57,8 @@ pub(super) fn too_soon(found: &[FoundDelay<'_>]) -> String {
     )
 }
 
-/// The methods that distinguish a response from slow noise, resonant noise and feedback, if at least two of them looked and none saw a response. The others test against
-/// white or nearly white noise, and mistake resonant or slow noise for a response.
+/// The methods that distinguish a response from slow noise, resonant noise and feedback, if at least two of them ran and none detected a response. The others
+/// test against white or nearly white noise, and mistake resonant or slow noise for a response.
 fn unseen<'a>(answers: &[Said<'a>], findings: &[Finding]) -> Option<Vec<&'a str>> {
     let any = [
         Condition::UnstablePlant,
@@ -66,7 +66,7 @@ fn unseen<'a>(answers: &[Said<'a>], findings: &[Finding]) -> Option<Vec<&'a str>
         Condition::ColouredNoise,
         Condition::Dynamics,
     ];
-    // Of a plant that integrates the increments are noise to a regression.
+    // For an integrating plant, the increments are noise to a regression.
     let integrates = findings.iter().any(|f| f.condition == Condition::Integrating);
     let judges = || {
         let all = |m: &Method| !integrates && any.iter().all(|c| m.withstands(*c));
@@ -79,7 +79,7 @@ fn unseen<'a>(answers: &[Said<'a>], findings: &[Finding]) -> Option<Vec<&'a str>
     (blind.len() >= 2 && !judges().any(|(_, e, _)| e.outcome.has_delay())).then_some(blind)
 }
 
-/// The methods that withstand what the record shows and answer the longest delay searched.
+/// The methods that withstand the record's conditions and estimate the longest delay searched.
 fn at_the_end<'a>(answers: &[Said<'a>], findings: &[Finding]) -> Vec<&'a str> {
     let at_end = answers.iter().filter(|(m, e, _)| {
         e.outcome == Outcome::AtEdge && !e.contradicted && distrust(m, e, findings).is_empty()
@@ -87,7 +87,7 @@ fn at_the_end<'a>(answers: &[Said<'a>], findings: &[Finding]) -> Vec<&'a str> {
     at_end.map(|(m, _, _)| m.entry.name).collect()
 }
 
-/// The note of a process model that many delays fit alike, where there is one.
+/// The note of a process model on many equally fitting delays, where there is one.
 fn too_many_poles(answers: &[Said<'_>]) -> Option<String> {
     let flat =
         answers.iter().find(|(m, e, _)| m.class == Class::Process && e.outcome == Outcome::Flat);

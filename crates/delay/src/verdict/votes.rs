@@ -1,9 +1,9 @@
-//! The vote of each class of methods, and the answers around the delay with most votes.
+//! The vote of each class of methods, and the estimates around the delay with most votes.
 
 use super::answer::FoundDelay;
 use crate::method::Basis;
 
-/// The answers used, by whether their intervals hold the delay with most votes.
+/// The used estimates, split by whether their intervals hold the delay with most votes.
 pub(super) struct Group<'a, 'b> {
     pub(super) lead: &'b FoundDelay<'a>,
     pub(super) agree: Vec<(&'b FoundDelay<'a>, f64)>,
@@ -11,7 +11,7 @@ pub(super) struct Group<'a, 'b> {
 }
 
 impl<'a, 'b> Group<'a, 'b> {
-    /// `counted` has one answer at least.
+    /// `counted` has at least one estimate.
     pub(super) fn of(counted: &[&'b FoundDelay<'a>]) -> Self {
         let vote_weights = vote_weights(counted);
         let support = |at: &FoundDelay<'_>| -> f64 {
@@ -34,7 +34,7 @@ impl<'a, 'b> Group<'a, 'b> {
         Self { lead, agree, differ }
     }
 
-    /// The share of the agreeing weight that answers within the sample.
+    /// The share of the agreeing weight on estimates within the sample.
     pub(super) fn within(&self) -> f64 {
         let all: f64 = self.agree.iter().map(|(_, w)| w).sum();
         self.agree.iter().filter(|(f, _)| f.within).map(|(_, w)| w).sum::<f64>()
@@ -42,14 +42,15 @@ impl<'a, 'b> Group<'a, 'b> {
     }
 }
 
-/// The votes of answers: each class has one, shared by the bases of its methods ([`Basis`]); all methods that read one basis share its part, those of other classes too.
+/// The votes of estimates. Each class has one, shared by the bases of its methods ([`Basis`]). All methods with one basis, also of other classes, share its
+/// part.
 fn vote_weights(found: &[&FoundDelay<'_>]) -> Vec<f64> {
     let same = |f: &FoundDelay<'_>, g: &FoundDelay<'_>| {
         if f.basis == Basis::Own { f.method == g.method } else { f.basis == g.basis }
     };
     let weight = |f: &&FoundDelay<'_>| {
         let class: Vec<&&FoundDelay<'_>> = found.iter().filter(|g| g.class == f.class).collect();
-        // The first of its basis stands for all.
+        // The first method of a basis represents it.
         let bases = class
             .iter()
             .enumerate()

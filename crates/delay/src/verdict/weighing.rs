@@ -1,4 +1,4 @@
-//! The verdict on the answers of many methods for one pair.
+//! The verdict on the estimates of many methods for one pair.
 
 use super::answer::{FoundDelay, Said};
 use super::conclusion::{Grounds, RecordFacts, Verdict};
@@ -10,20 +10,21 @@ use crate::estimate::Outcome;
 use crate::finding::Finding;
 use deadtime_signal::time::SampleTime;
 
-/// Weighs answers for one pair. Within a class of `answers` the most trusted method comes first; `findings` is what the record shows.
+/// Weights the estimates for one pair. Within a class of `answers` the most trusted method comes first; `findings` are the conditions of the record.
 ///
-/// There is no dead time where no method found a delay. Nor is there one where the methods that withstand every noise and feedback see no response. Nor where the input moves
-/// once, no method can be trusted, and many delays fit a process model.
+/// A verdict without a dead time has one of three causes. No method found a delay. The methods that withstand every noise and feedback detect no response. The
+/// input moves once, no method can be trusted, and many delays fit a process model.
 ///
-/// Left out are methods that do not withstand what the record shows, and answers that their own residuals contradict. Where no others have answered, these are used,
-/// except under feedback. Where most votes say that the output reacts sooner than the plant can, and the record shows no direct path, such answers are left out, too.
+/// Excluded are methods that do not withstand the record's conditions, and estimates that their own residuals contradict. Without other estimates, these are
+/// used, except under feedback. Where most votes are for a delay shorter than the plant allows, and the record has no direct path, such estimates are excluded,
+/// too.
 ///
-/// Each class of methods has one vote, shared by those of its methods that found a delay ([`crate::Class::vote_weight`]). Methods that read the same intermediate result
-/// ([`crate::Basis`]) share one part of it. The delay with most votes inside their intervals gathers a group of answers.
+/// Each class of methods has one vote, shared by those of its methods that found a delay ([`crate::Class::vote_weight`]). Methods with the same intermediate
+/// result ([`crate::Basis`]) share one part of it. The delay inside the intervals with most votes defines a group of estimates.
 ///
-/// Number and interval are those of mixtures of the group's answers whose methods led in the study. The number is the median where each answer has the weight of its
-/// method's error there. The interval also holds that of the mixture weighted by votes. Where other inputs act, the models of all inputs alone give number and interval;
-/// the other methods add their votes.
+/// Value and interval come from mixtures of the group's estimates whose methods led in the study. The value is the median, each estimate weighted by its
+/// method's error there. The interval also contains that of the mixture weighted by votes. Where other inputs have effects, the models of all inputs alone give
+/// value and interval; the other methods add their votes.
 #[must_use]
 pub fn verdict(
     answers: &[Said<'_>],
@@ -41,17 +42,17 @@ pub fn verdict(
     }
 }
 
-/// The answers that are used, gathered.
+/// The used estimates, grouped.
 struct Counted<'a, 'b> {
     group: Group<'a, 'b>,
     /// No method can be trusted: all are used.
     nobody: bool,
-    /// Answers within the sample were left out.
+    /// Estimates within the sample were excluded.
     implausible: bool,
 }
 
 impl<'a, 'b> Counted<'a, 'b> {
-    /// The answers that are used, or why there is no dead time.
+    /// The used estimates, or why there is no dead time.
     fn of(
         found: &'b [FoundDelay<'a>],
         answers: &[Said<'_>],
@@ -68,7 +69,7 @@ impl<'a, 'b> Counted<'a, 'b> {
             counted = found.iter().collect();
         }
         let mut group = Group::of(&counted);
-        // A plant that needs a sample to respond does not respond within it, unless the record shows that it does.
+        // A plant with a relative degree of one sample does not respond within it, unless the record contains a direct path.
         let implausible = !facts.direct && group.within() > 0.5;
         if implausible {
             counted.retain(|f| !f.within);
@@ -80,7 +81,7 @@ impl<'a, 'b> Counted<'a, 'b> {
         Ok(Self { group, nobody, implausible })
     }
 
-    /// The verdict of the group, with all remarks on the answers.
+    /// The verdict of the group, with all remarks on the estimates.
     fn verdict(
         &self,
         found: &[FoundDelay<'_>],
@@ -217,7 +218,7 @@ mod tests {
     #[test]
     fn methods_of_two_classes_that_read_one_model_share_their_vote() {
         let (wrong, right) = (answer(1.0, 0.1), answer(2.0, 0.1));
-        // arxdap reads the polynomials of the scan that arxstruc reads the losses of: together half of the class's vote, as much as p2d has on its own is more.
+        // arxdap reads the polynomials of the scan whose losses arxstruc reads. Together they have half of the class's vote; the full vote of p2d exceeds it.
         let v = of(
             &[("arxstruc", &wrong), ("delayest", &wrong), ("arxdap", &wrong), ("p2d", &right)],
             &[],
@@ -227,7 +228,7 @@ mod tests {
             &[("arxstruc", &wrong), ("oestruc", &wrong), ("lagudap", &wrong), ("p2d", &right)],
             &[],
         );
-        // Models of their own have votes of their own.
+        // Models with a basis of their own have votes of their own.
         assert_abs_diff_eq!(v.delay_s.unwrap(), 1.0, epsilon = 1e-9);
     }
 
@@ -251,7 +252,8 @@ mod tests {
                 [(p2d, &bold, expected), (oestruc, &plain, expected), (arxdap, &other, expected)];
             verdict(&answers, &[], SampleTime::new(0.01).unwrap(), &RecordFacts::default())
         };
-        // What it claims of itself gives it no weight. It has 0.37 of the mixture, and by hand the others' laws have the rest of a half below 6.08.
+        // Its own standard deviation gives it no weight. The estimate has 0.37 of the mixture; by hand calculation, the others have the remainder of a half
+        // below 6.08.
         for expected in [None, Some(2.0)] {
             assert_abs_diff_eq!(weighed(expected).delay_s.unwrap(), 6.08, epsilon = 0.05);
         }
@@ -262,11 +264,12 @@ mod tests {
         let (narrow, wide, widest) = (answer(2.0, 0.1), answer(2.1, 0.3), answer(2.0, 2.0));
         let ends = |answers: &[(&str, &DelayEstimate)]| of(answers, &[]).ci95_s.unwrap();
         let two = ends(&[("oestruc", &narrow), ("p2d", &wide)]);
-        // Half of the mixture each: beyond these ends the narrower one has nothing, and the wider one Φ⁻¹(0.95) = 1.6449 of its standard deviations, 0.3·2/1.96.
+        // Half of the mixture each. Beyond these ends the narrower one has no mass, and the wider one Φ⁻¹(0.95) = 1.6449 of its standard deviations,
+        // 0.3·2/1.96.
         let half = 1.6449 * 0.3 * 2.0 / NORMAL_95;
         assert_abs_diff_eq!(two[0], 2.1 - half, epsilon = 1e-3);
         assert_abs_diff_eq!(two[1], 2.1 + half, epsilon = 1e-3);
-        // In the study it was further off than two correlated methods may be apart.
+        // In the study its error exceeded the limit for two correlated methods.
         assert_eq!(two, ends(&[("oestruc", &narrow), ("p2d", &wide), ("lagudap", &widest)]));
     }
 
@@ -371,14 +374,14 @@ mod tests {
             )
         };
         let (several, alone) = (v(true, &said), v(false, &said));
-        // Each no better than the tolerance of its method, a tenth of a sample.
+        // Each is at least the tolerance of its method, 0.1 samples.
         let fine = (0.618 / 1e-4 + 0.616 / 1.69e-4) / (1e4 + 1.0 / 1.69e-4);
         assert_abs_diff_eq!(several.delay_s.unwrap(), fine, epsilon = 5e-4);
         let [from, to] = several.ci95_s.unwrap();
         assert!(from > 0.59 && to < 0.643, "{from} to {to}");
         let [wider, later] = alone.ci95_s.unwrap();
         assert!(wider < from && later > to, "with one input all who agree count: {}", alone.why);
-        // Where most votes hold another delay, two models do not win by their resolution.
+        // Where most votes hold another delay, the resolution of two models does not decide.
         let far = answer(0.9, 0.03);
         let most = [("arxstruc", &far), ("threshold", &far), ("arxdap", &far), ("p1d", &p1d)]
             .map(|(m, e)| (method(m).unwrap(), e, None));

@@ -6,7 +6,7 @@ use super::answer::{FoundDelay, Said};
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::method::Condition;
 
-/// Methods that are named where more would make the sentence unreadable.
+/// Largest number of methods that a sentence names.
 const MOST_NAMED: usize = 3;
 
 /// The agreeing methods, the one with the largest weight first, and those that differ.
@@ -27,7 +27,7 @@ pub(super) fn who(chosen: &str, others: &[&str], differ: &[(&FoundDelay<'_>, f64
     why
 }
 
-/// The answers left out, by reason. Where no method can be trusted (`nobody`), only the implausible ones are left out.
+/// The excluded estimates, by reason. Where no method can be trusted (`nobody`), only the implausible ones are excluded.
 pub(super) fn left_out(found: &[FoundDelay<'_>], nobody: bool, implausible: bool) -> String {
     let mut words = String::new();
     for (conditions, methods) in by_reason(found).iter().filter(|_| !nobody) {
@@ -68,7 +68,7 @@ pub(super) fn named(found: &[FoundDelay<'_>]) -> String {
         .join("; ")
 }
 
-/// `flat: area1, area2; singular: p3d`, for the answers for which `which` holds.
+/// `flat: area1, area2; singular: p3d`, for the estimates selected by `which`.
 pub(super) fn outcomes(answers: &[Said<'_>], which: impl Fn(&DelayEstimate) -> bool) -> String {
     let mut groups: Vec<(Outcome, Vec<&str>)> = Vec::new();
     for (m, e, _) in answers.iter().filter(|(_, e, _)| which(e)) {
@@ -88,7 +88,7 @@ fn joined<'a>(words: impl Iterator<Item = &'a str>) -> String {
     words.collect::<Vec<_>>().join(" and ")
 }
 
-/// The methods that are left out, by the conditions that they do not withstand.
+/// The excluded methods, by the conditions that they do not withstand.
 fn by_reason<'a>(found: &[FoundDelay<'a>]) -> BTreeMap<Vec<Condition>, Vec<&'a str>> {
     let mut reasons: BTreeMap<Vec<Condition>, Vec<&str>> = BTreeMap::new();
     for f in found.iter().filter(|f| !f.distrust.is_empty()) {

@@ -1,6 +1,6 @@
-//! What stops a match of two models.
+//! Errors of a match between two models.
 
-/// An identified model, a structured one and the options do not go together.
+/// The identified model, the structured one and the options are incompatible.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MatchingError {
@@ -11,7 +11,7 @@ pub enum MatchingError {
         name: String,
         /// Its parameters.
         parameters: Vec<String>,
-        /// Its delays, as they are named.
+        /// The names of its delays.
         delays: Vec<String>,
     },
     /// No parameter is free.
@@ -25,12 +25,12 @@ pub enum MatchingError {
         /// The structured model's inputs.
         known: Vec<String>,
     },
-    /// No output is in both.
+    /// The models have no output in common.
     #[error("the models share no output: the identified one has {}, the structured one {}; give both the same names", identified.join(", "), structured.join(", "))]
     NoOutput {
         /// The identified model's outputs.
         identified: Vec<String>,
-        /// The structured model's.
+        /// The structured model's outputs.
         structured: Vec<String>,
     },
     /// One channel in two units.
@@ -45,34 +45,34 @@ pub enum MatchingError {
         /// Its unit in the structured model.
         structured: String,
     },
-    /// A name of `units` or `at` that nothing has.
+    /// An unknown name in `units` or `at`.
     #[error("{option}: there is no `{name}` among {}", known.join(", "))]
     NoName {
-        /// Which option.
+        /// The option.
         option: &'static str,
         /// The name.
         name: String,
-        /// What there is.
+        /// The known names.
         known: Vec<String>,
     },
-    /// A number that an option cannot have.
+    /// An option out of its range.
     #[error("{option} is {value}: {rule}")]
     Option {
-        /// Which option.
+        /// The option.
         option: &'static str,
         /// The value.
         value: f64,
-        /// What it must be.
+        /// The valid range.
         rule: String,
     },
-    /// A model has parts that have no frequency response.
+    /// A model with parts that have no frequency response.
     #[error("the model {model} has {what}, which has no place in a frequency response: {remedy}")]
     Unsupported {
         /// The model's name.
         model: String,
-        /// What it has.
+        /// The unsupported part.
         what: &'static str,
-        /// What to do instead.
+        /// The remedy.
         remedy: &'static str,
     },
     /// The file is no linear model.
@@ -80,10 +80,10 @@ pub enum MatchingError {
     NotIdentified {
         /// The file.
         path: std::path::PathBuf,
-        /// What it is.
+        /// The actual kind of file.
         found: String,
     },
-    /// The structured model has no finite response even at its file's values.
+    /// The structured model has no finite response even at the file's values.
     #[error(
         "the model {model} has no finite response at the file's values and the operating point: a slope there is not finite, or a pole lies on \
          a frequency of the band; say where it is linearised (at) or choose another band"
@@ -100,9 +100,9 @@ pub enum MatchingError {
     NoMinimum {
         /// The structured model's name.
         model: String,
-        /// Steps that were taken, at most.
+        /// Largest number of steps.
         steps: usize,
-        /// The norm of the difference there.
+        /// The norm of the difference at the end.
         difference: f64,
     },
 }

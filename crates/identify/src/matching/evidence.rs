@@ -1,11 +1,11 @@
-//! The size of the prior by the evidence.
+//! The spread of the prior, by its evidence.
 //!
-//! z ~ N(0, τ²) of every parameter in its size; delays have none, because they start where the identified model's are. τ maximises the evidence: the probability
-//! density of the differences at the file's values, in independent standard deviations of the identified model. The weight is that of the least expected square
-//! error.
+//! The prior is z ~ N(0, τ²) for every parameter in its size. Delays have no prior, because they start at the identified model's. τ maximises the evidence: the
+//! probability density of the differences at the file's values, in independent standard deviations of the identified model. The weight minimises the expected
+//! square error.
 //!
-//! How it can be wrong: τ too small (values that are off pull all others to theirs; the smallest is 10 %), differences that are not linear over the prior, and a
-//! structure that cannot follow (the identified model's variances are multiplied by what no parameter explains of it; a misfit that parameters explain is theirs).
+//! How it can be wrong: τ too small: wrong values bias all others towards the file's (the smallest τ is 10 %). The differences are nonlinear over the prior.
+//! The structure cannot follow: the misfit that no parameter explains scales the identified model's variances, but parameters absorb the remainder.
 //!
 //! Source: MacKay (1992), "Bayesian interpolation", Neural Computation 4(3), 415-447, doi:10.1162/neco.1992.4.3.415.
 
@@ -19,23 +19,23 @@ use super::problem::MatchProblem;
 use super::structure::Free;
 use super::system::GainMatrix;
 
-/// Standard deviations of the file's values, in their sizes, of which the evidence chooses one.
+/// Candidate standard deviations of the file's values, in their sizes.
 const SPREADS: [f64; 9] = [0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0];
-/// Times that differences are linear about the fit before.
+/// Number of linearisations, each about the previous fit.
 const TURNS: usize = 3;
 /// Directions of the identified model's errors below this share of the largest are rounding.
 const SEEN: f64 = 1e-6;
 /// The spread of a parameter without a prior, in sizes.
 const FREE: f64 = 1e3;
-/// Weights that are tried: a decade, and decades below and above the information.
+/// Weights per decade of the grid, which reaches decades below and above the information.
 const PER_DECADE: f64 = 4.0;
 const BEYOND: f64 = 6.0;
 
 /// Errors of the identified model, in real and imaginary parts of the differences.
 struct Errors {
-    /// A column for each of its independent deviations of one standard deviation.
+    /// One column per independent deviation of one standard deviation.
     columns: DMatrix<f64>,
-    /// Differences into independent standard deviations.
+    /// Transforms differences into independent standard deviations.
     whitens: DMatrix<f64>,
 }
 
@@ -71,7 +71,7 @@ fn real(parts: impl Iterator<Item = GainMatrix>) -> DVector<f64> {
 
 /// The differences about a set of parameters, linear in z.
 struct Linear {
-    /// In independent standard deviations of the identified model: the differences at the file's values.
+    /// The differences at the file's values, in independent standard deviations of the identified model.
     at_file: DVector<f64>,
     /// Their slopes by z.
     slopes: DMatrix<f64>,
@@ -99,7 +99,7 @@ impl Linear {
         })
     }
 
-    /// By what the identified model's variances are multiplied so that they explain what no parameter does; at least 1.
+    /// The factor, at least 1, on the identified model's variances with which they explain the part that no parameter explains.
     fn misfit(&self) -> Option<f64> {
         let decomposed = svd(&self.slopes)?;
         let (u, values) = (decomposed.u?, decomposed.singular_values);
@@ -115,7 +115,7 @@ impl Linear {
         Some(if freedom == 0 { 1.0 } else { (residual.norm_squared() / freedom as f64).max(1.0) })
     }
 
-    /// The logarithm of the evidence of a spread, but for a constant.
+    /// The logarithm of the evidence of a spread, up to a constant.
     fn evidence(&self, spread: f64, misfit: f64) -> Option<f64> {
         let mut slopes = self.slopes.clone();
         for (mut column, held) in slopes.column_iter_mut().zip(&self.held) {
@@ -131,7 +131,8 @@ impl Linear {
         Some(-0.5 * sum).filter(|e| e.is_finite())
     }
 
-    /// The weight of the prior with the least expected square error of what it holds: errors of the identified model, and of file values this far off.
+    /// The weight of the prior that minimises the expected square error of the held parameters. Errors come from the identified model, and from file values
+    /// with this spread.
     fn weight(&self, spread: f64, misfit: f64) -> Option<f64> {
         let count = self.held.len();
         let sizes = self.information.diagonal();
@@ -160,7 +161,7 @@ impl MatchProblem<'_> {
         self.structure.free.iter().map(|free| matches!(free, Free::Parameter(_))).collect()
     }
 
-    /// The prior of greatest evidence, or that of a given spread; `None` where nothing is known of the identified model's errors, or where the norm is no sum of
+    /// The prior of largest evidence, or that of a given spread. `None` where the identified model's errors are unknown, or where the norm is no sum of
     /// squares.
     pub(super) fn prior(&self, norm: &Norm, given: Option<f64>) -> Option<Prior> {
         if norm.powers != [2.0] || given.is_some_and(f64::is_infinite) {
@@ -179,7 +180,7 @@ impl MatchProblem<'_> {
         best.map(|(_, prior)| prior)
     }
 
-    /// The prior of a spread, and where it holds the parameters.
+    /// The prior of a spread, and the parameters that it gives.
     fn held_by(
         &self,
         norm: &Norm,

@@ -22,22 +22,22 @@ use rand_distr::StandardNormal;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Magnitudes below this share of a pair's largest count as that: a relative error there says nothing.
+/// Magnitudes are raised to this share of a pair's largest: relative errors of smaller ones are uninformative.
 pub(super) const FLOOR: f64 = 1e-3;
 
 /// Drawn models behind the standard deviations of a norm that is no sum of squares.
 pub(super) const DRAWS: u64 = 64;
 
-/// Drawn models are near: the last powers of the search suffice for them.
+/// Number of the search's last powers for drawn models, which suffice because these models are close.
 pub(super) const AGAIN: usize = 3;
 
-/// Frequencies between those of the grid at which the difference turned out larger are added to it, so often.
+/// Number of refinements: frequencies between those of the grid with a larger difference are added.
 pub(super) const ADDED: usize = 4;
 
-/// Beyond so many standard deviations at one frequency and pair the structure does not follow what was identified.
+/// Standard deviations at one frequency and pair beyond which the structure does not follow the identified model.
 pub(super) const MISFIT: f64 = 5.0;
 
-/// A parameter that was found.
+/// A matched parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MatchedParameter {
     /// Its name.
@@ -46,17 +46,17 @@ pub struct MatchedParameter {
     pub unit: Option<String>,
     /// The file's value.
     pub nominal: f64,
-    /// The value found.
+    /// The matched value.
     pub value: f64,
-    /// Its standard deviation; `None` where the identified model's file says nothing of its own.
+    /// Its standard deviation; `None` where the identified model's file has none.
     pub std: Option<f64>,
     /// 95 % interval.
     pub interval: Option<[f64; 2]>,
-    /// Whether it can be taken for the quantity.
+    /// The interpretation of the value as the physical quantity.
     pub standing: Standing,
 }
 
-/// Where two responses are farthest apart.
+/// The largest difference of two responses.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Misfit {
     /// rad/s.
@@ -69,7 +69,7 @@ pub struct Misfit {
     pub size: f64,
 }
 
-/// The responses of one pair of channels that were compared.
+/// The compared responses of one pair of channels.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Compared {
     /// The input.
@@ -91,11 +91,11 @@ pub struct ComparedPoint {
     pub std: Option<[f64; 2]>,
     /// Of the structured model with the file's values.
     pub nominal: [f64; 2],
-    /// Of the structured model with those found.
+    /// Of the structured model with the matched values.
     pub found: [f64; 2],
 }
 
-/// What was found.
+/// The result of a match.
 #[derive(Debug, Clone, Serialize)]
 pub struct Matched {
     /// `deadtime/match@1`.
@@ -108,7 +108,7 @@ pub struct Matched {
     pub norm: &'static str,
     /// The band, rad/s.
     pub band_rad_s: [f64; 2],
-    /// Frequencies that were compared.
+    /// Number of compared frequencies.
     pub frequencies: usize,
     /// The identified model's sample time, s; `None` in continuous time.
     pub sample_time_s: Option<f64>,
@@ -116,31 +116,31 @@ pub struct Matched {
     pub parameters: Vec<MatchedParameter>,
     /// Combinations that are not identifiable.
     pub unseen: Vec<Unseen>,
-    /// Pairs that are correlated, in words.
+    /// Sentences on correlated pairs.
     pub trades: Vec<String>,
-    /// The norm of the difference with the file's values, and with those found.
+    /// The norm of the difference with the file's values, and with the matched ones.
     pub difference: [f64; 2],
-    /// The largest gain of the difference over the band, with the file's values and with those found.
+    /// The largest gain of the difference over the band, with the file's values and with the matched ones.
     pub largest_gain: [Gain; 2],
     /// The nu-gap of the two models over all frequencies; `None` where it has no value.
     pub nu_gap: Option<NuGap>,
-    /// Poles that grow: of the identified model and of the structured one.
+    /// Numbers of unstable poles: of the identified model and of the structured one.
     pub unstable_poles: [usize; 2],
-    /// Where the difference is largest for what is known.
+    /// The largest difference relative to its uncertainty.
     pub misfit: Misfit,
-    /// The responses that were compared.
+    /// The compared responses.
     pub responses: Vec<Compared>,
-    /// Whether the identified model says how sure it is.
+    /// The identified model has an uncertainty.
     pub uncertainty: bool,
     /// Starts of the search, and how many ended at the lowest minimum.
     pub starts: [usize; 2],
     /// The search ended at a minimum.
     pub converged: bool,
-    /// Prior standard deviation of the file's values, as a share of each; `None` where no prior held them.
+    /// Prior standard deviation of the file's values, as a share of each; `None` without a prior.
     pub prior: Option<f64>,
-    /// What a user should know.
+    /// Notes for the reader.
     pub notes: Vec<String>,
-    /// The structured model with what was found.
+    /// The structured model with the matched values.
     #[serde(skip)]
     pub model: Option<EquationsFile>,
 }
@@ -150,17 +150,18 @@ pub struct Matched {
 pub struct Gain {
     /// In outputs' units per inputs'.
     pub gain: f64,
-    /// Where, rad/s.
+    /// Its frequency, rad/s.
     pub omega_rad_s: f64,
-    /// By level sets (`true`), or the largest of the grid: continuous models behind unlike delays are not rational.
+    /// `true`: by level sets; `false`: the largest of the grid, because continuous models behind different delays are not rational.
     pub exact: bool,
 }
 
 impl Matching {
-    /// Finds the free parameters of `file` for which its response is nearest to that of `target`.
+    /// Finds the free parameters of `file` whose response is closest to that of `target`.
     ///
     /// # Errors
-    /// [`MatchingError`]; [`deadtime_model::ModelError`] for equations that do not compile; [`deadtime_signal::registry::RegistryError`] for an unknown norm.
+    /// [`MatchingError`]; [`deadtime_model::ModelError`] for equations that do not compile; [`deadtime_signal::registry::RegistryError`] for an unknown
+    /// norm.
     pub fn fit(&self, file: &EquationsFile, target: &Target) -> Result<Matched> {
         let norm = norms::norm(&self.norm)?;
         if let Some(value) = self.prior.filter(|share| share.is_nan() || *share <= 0.0) {
@@ -259,8 +260,7 @@ impl Matched {
 }
 
 impl MatchProblem<'_> {
-    /// The search again with the frequencies between those of the grid at which the difference is
-    /// larger.
+    /// A further search with added frequencies, between those of the grid, at which the difference is larger.
     fn refined(&mut self, norm: &Norm, mut found: Descent, band: [f64; 2]) -> Option<Descent> {
         for _ in 0..ADDED {
             let peak = largest_gain(self, &found.z, band).ok();
@@ -277,7 +277,7 @@ impl MatchProblem<'_> {
     }
 }
 
-/// What is known at each frequency; `None` where the identified model's response is not finite.
+/// Target, weights and shares at each frequency; `None` where the identified model's response is not finite.
 pub(super) fn points(structure: &Structure<'_>, omegas: &[f64]) -> Option<Vec<At>> {
     let target = structure::finite_responses(&structure.target, omegas)?;
     let deviations = deviations(structure, omegas, &target)?;
@@ -317,7 +317,7 @@ pub(super) fn points(structure: &Structure<'_>, omegas: &[f64]) -> Option<Vec<At
     )
 }
 
-/// What each deviation of one standard deviation does to the response, `[deviation][frequency]`.
+/// The effect of each deviation of one standard deviation on the response, `[deviation][frequency]`.
 pub(super) fn deviations(
     structure: &Structure<'_>,
     omegas: &[f64],
@@ -330,10 +330,10 @@ pub(super) fn deviations(
     structure.deviations.par_iter().map(of).collect()
 }
 
-/// Each parameter's size: its own value, or, for one that is 0, what moves the response as far as it is large.
+/// Each parameter's size: its own value, or, for the value 0, the change that moves the response by its own magnitude.
 pub(super) fn sizes(problem: &MatchProblem<'_>) -> Option<Vec<f64>> {
     let nominal = &problem.structure.nominal;
-    // A delay of half a radian at the end of the band is well seen there, and linear.
+    // A delay of half a radian at the end of the band is well visible there, and linear.
     let late = 0.5 / problem.omegas.last()?;
     let first: Vec<f64> = nominal
         .iter()
@@ -421,7 +421,7 @@ pub(super) fn compared(
     let mut all = Vec::new();
     for (j, input) in target.inputs.iter().enumerate() {
         for (i, output) in structure.output_names(target).into_iter().enumerate() {
-            // What moves G along itself moves its gain, what moves it across its phase.
+            // The component along G changes its gain, the component across it its phase.
             let std = |k: usize| {
                 let g: Complex<f64> = identified[k][(i, j)];
                 let along = deviations.iter().map(|d| g.conj() * d[k][(i, j)] / g.norm());
@@ -447,7 +447,7 @@ pub(super) fn compared(
     Some(all)
 }
 
-/// Standard deviations from the identified model's, what is not identifiable, and whether each value can be taken for the quantity.
+/// Standard deviations from the identified model's, unidentifiable combinations, and the interpretation of each value.
 pub(super) fn know(
     problem: &MatchProblem<'_>,
     norm: &Norm,
@@ -492,7 +492,7 @@ pub(super) fn know(
     let covariance = posterior.unwrap_or(covariance);
     let values = problem.values(&found.z);
     let names: Vec<String> = (0..count).map(|at| structure.name(at)).collect();
-    // A delay that was found is its own size; for the search it was what the highest frequency sees.
+    // A matched delay is its own size; the search used the resolution of the highest frequency.
     let size = |at: usize| match structure.free[at] {
         Free::Delay(_) => problem.sizes[at].max(values[at]),
         Free::Parameter(_) => problem.sizes[at],
@@ -538,8 +538,7 @@ pub(super) fn know(
     Some(())
 }
 
-/// What half a sample either way adds to the variance of a delay, in its size: the identified model's dead times are whole samples, and its covariance takes them
-/// for exact.
+/// The variance of a delay, in its size, from half a sample either way. The identified model's dead times are whole samples, and exact in its covariance.
 fn delay_variance(problem: &MatchProblem<'_>, at: usize) -> f64 {
     let late = problem
         .structure
@@ -549,15 +548,14 @@ fn delay_variance(problem: &MatchProblem<'_>, at: usize) -> f64 {
     (late * late / 12.0) / (problem.sizes[at] * problem.sizes[at])
 }
 
-/// The inverse of an information over the directions that it resolves.
+/// The inverse of an information matrix over its resolved directions.
 fn inverted(eigen: &SymmetricEigen<f64, nalgebra::Dyn>) -> DMatrix<f64> {
     let most = eigen.eigenvalues.max();
     let inverse = eigen.eigenvalues.map(|v| if v > RESOLVED * most { 1.0 / v } else { 0.0 });
     &eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose()
 }
 
-/// The covariance of a sum of squares: to first order the minimum moves by H⁻¹Jᵀ of what the
-/// difference moves by.
+/// The covariance for a sum of squares: to first order the minimum moves by H⁻¹Jᵀ times the change of the difference.
 fn to_first_order(
     problem: &MatchProblem<'_>,
     norm: &Norm,
@@ -581,7 +579,8 @@ fn to_first_order(
     covariance
 }
 
-/// The same of a minimum that a prior holds, over the noise and over the truths that the prior allows: A (Σ + w²τ²) A with A = (H + w)⁻¹, w on what is held.
+/// The same for a minimum with a prior, over the noise and over the prior's truths. The covariance is A (Σ + w²τ²) A with A = (H + w)⁻¹, w on the held
+/// parameters.
 fn with_prior(
     problem: &MatchProblem<'_>,
     norm: &Norm,
@@ -599,8 +598,7 @@ fn with_prior(
     )
 }
 
-/// The covariance where the largest value is no smooth function of the response: the match is made
-/// again for models as the noise would have made them.
+/// The covariance where the largest value is no smooth function of the response: the match is repeated for models drawn from the noise.
 fn of_draws(
     problem: &MatchProblem<'_>,
     norm: &Norm,
@@ -639,7 +637,7 @@ fn of_draws(
     covariance
 }
 
-/// The inverse of a covariance; directions that the information does not resolve have none, and what is known exactly is known so far that all else stays resolved.
+/// The inverse of a covariance. Unresolved directions of the information have none; exactly known ones are limited so that all others remain resolved.
 pub(super) fn inverse(
     covariance: &DMatrix<f64>,
     information: &SymmetricEigen<f64, nalgebra::Dyn>,

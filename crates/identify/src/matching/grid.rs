@@ -1,20 +1,20 @@
-//! Frequencies of a match: even in the logarithm, denser where the identified model resonates.
+//! Frequencies of a match: logarithmically even, denser at resonances of the identified model.
 
 use super::error::MatchingError;
 use super::system::System;
 
-/// Frequencies over a band before those of resonances.
+/// Frequencies over a band without those of resonances.
 const COUNT: usize = 120;
-/// Places about a resonance, in its half width.
+/// Points about a resonance, in units of its half width.
 const ABOUT: [f64; 9] = [-3.0, -1.5, -0.75, -0.3, 0.0, 0.3, 0.75, 1.5, 3.0];
-/// How far beyond its slowest and fastest pole a continuous model is looked at unasked.
+/// The default band of a continuous model reaches this factor beyond its slowest and fastest pole.
 const BEYOND: f64 = 10.0;
 /// Just below the Nyquist frequency, where responses are real and phases jump.
 const BELOW_NYQUIST: f64 = 0.99;
-/// The band of a model that says nothing of it, as a ratio.
+/// The default width of a band without other information, as a ratio.
 const WIDE: f64 = 1e3;
 
-/// The band asked for, or what the model shows.
+/// The requested band, or the range that the model determines.
 pub(super) fn band(
     target: &System,
     lowest_rad_s: Option<f64>,
@@ -53,7 +53,7 @@ pub(super) fn band(
     Ok([low.min(high / 10.0), high])
 }
 
-/// Increasing frequencies of a band, its ends among them.
+/// Increasing frequencies of a band, including its ends.
 pub(super) fn frequencies(target: &System, [low, high]: [f64; 2]) -> Vec<f64> {
     let even = (0..COUNT).map(|k| low * (high / low).powf(k as f64 / (COUNT - 1) as f64));
     let resonances = target.poles_s().into_iter().filter(|p| p.im > 0.0);
@@ -64,7 +64,7 @@ pub(super) fn frequencies(target: &System, [low, high]: [f64; 2]) -> Vec<f64> {
     all
 }
 
-/// Each frequency's share of an interval by the trapezoidal rule in `scale` of the frequency.
+/// Each frequency's share of an interval by the trapezoidal rule on `scale` of the frequency.
 pub(super) fn widths(omegas: &[f64], scale: impl Fn(f64) -> f64) -> Vec<f64> {
     let at: Vec<f64> = omegas.iter().map(|w| scale(*w)).collect();
     let last = at.len().saturating_sub(1);

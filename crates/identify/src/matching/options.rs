@@ -1,24 +1,24 @@
-//! What is matched, and how.
+//! The options of a match.
 
 use super::norms::NORMS;
 
-/// What is matched, and how.
+/// The options of a match.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matching {
-    /// Parameters to find, by name; `all`: every parameter that the file does not call known, and all dead times; `delay:INPUT`: the dead time of an input.
+    /// Names of the parameters to find. `all`: every parameter not marked as known, and all dead times; `delay:INPUT`: the dead time of an input.
     pub free: Vec<String>,
     /// The norm's name in [`NORMS`]; default `wls`.
     pub norm: String,
-    /// From and to, rad/s; default: what the data show up to just below the Nyquist frequency, or a decade beyond the poles.
+    /// From and to, rad/s. Default: the data's range up to just below the Nyquist frequency, or a decade beyond the poles.
     pub band: Option<[f64; 2]>,
-    /// Starts, the file's values first; default 8.
+    /// Number of starts, the file's values first; default 8.
     pub starts: usize,
-    /// Prior standard deviation of the file's values, as a share of each, by `wls` and `h2`; default: that of greatest evidence, from 0.1
-    /// to 10; ∞: no prior. Dead times are not held.
+    /// Prior standard deviation of the file's values, as a share of each, for `wls` and `h2`. Default: that of largest evidence, from 0.1 to 10; ∞: no prior.
+    /// Dead times have no prior.
     pub prior: Option<f64>,
-    /// What counts as one of a channel in norms of gains, by name; default 1 of its unit.
+    /// The unit of a channel in norms of gains, by name; default 1 of its own unit.
     pub units: Vec<(String, f64)>,
-    /// States and inputs where the equations are linearised, by name; default: the file's initial states and the identified model's operating inputs.
+    /// States and inputs of the linearisation, by name; default: the file's initial states and the identified model's operating inputs.
     pub at: Vec<(String, f64)>,
 }
 

@@ -1,4 +1,4 @@
-//! The search: cost, gradient and information of the differences' singular values in a power, from several starts.
+//! The search: cost, gradient and information of a power of the differences' singular values, from several starts.
 
 use deadtime_signal::decompositions::svd;
 use std::cmp::Ordering;
@@ -16,27 +16,28 @@ use super::structure::{Free, Structure};
 use super::system::GainMatrix;
 use deadtime_signal::fit::{LevenbergMarquardt, Normal, Stopped};
 
-/// Differences are differentiated over this share of the response.
+/// Step of the numerical differentiation, as a share of the response.
 const STEP: f64 = 1e-4;
-/// A start is off by this factor, at one standard deviation.
+/// Factor of a start's error at one standard deviation.
 const FACTOR: f64 = 3.0;
-/// Values whose power is below this share of the largest one's count for nothing.
+/// Values whose power is below this share of the largest one's are negligible.
 const NOTHING: f64 = 1e-16;
 /// A cost below this share of the identified model's own size, squared, is rounding.
 const FLOOR: f64 = 1e-26;
 
-/// Steps of a search, and how often it is continued where they run out.
+/// Steps of a search, and the number of continuations when they run out.
 const ITERATIONS: usize = 100;
 const CONTINUED: usize = 20;
-/// The most steps of one search.
+/// Largest number of steps of one search.
 pub(super) const MOST_STEPS: usize = ITERATIONS * (1 + CONTINUED);
-/// Costs that differ by less than this share are one minimum.
+/// Relative difference of costs within which two minima are the same.
 const SAME: f64 = 1e-6;
 
-/// A difference below this share of the identified model's own size is none, whatever the search says of its minimum: at whole samples of delay a response bends.
+/// A difference below this share of the identified model's own size counts as zero, for any result of the search. At whole samples of delay a response is not
+/// smooth.
 const NONE: f64 = 1e-7;
 
-/// Everything about a match that no parameter changes.
+/// The constants of a match.
 pub(super) struct MatchProblem<'a> {
     pub(super) structure: &'a Structure<'a>,
     pub(super) omegas: Vec<f64>,
@@ -44,13 +45,13 @@ pub(super) struct MatchProblem<'a> {
     pub(super) sizes: Vec<f64>,
 }
 
-/// Where one search ended.
+/// The end of one search.
 #[derive(Debug, Clone)]
 pub(super) struct Descent {
     pub(super) z: Vec<f64>,
     /// The norm.
     pub(super) value: f64,
-    /// Its square and what the prior costs.
+    /// Its square plus the prior's penalty.
     pub(super) cost: f64,
     pub(super) converged: bool,
 }
@@ -80,7 +81,7 @@ impl MatchProblem<'_> {
         Some(self.at.iter().zip(responses).map(part).collect())
     }
 
-    /// The norm of the identified model itself: what the structured one would leave if it had no response.
+    /// The norm of the identified model itself, which is that of the difference for a structured model without response.
     fn whole(&self, norm: &Norm) -> f64 {
         self.at
             .iter()
@@ -88,7 +89,7 @@ impl MatchProblem<'_> {
             .sum()
     }
 
-    /// One search after another, of each of the norm's powers (or the last of them) from where the one before ended.
+    /// Successive searches, one for each of the norm's powers (or the last of them), each from the previous end.
     pub(super) fn descend(
         &self,
         norm: &Norm,
@@ -134,7 +135,7 @@ impl MatchProblem<'_> {
             }
             let still = fit.normal.slope(&vec![true; lower.len()]) < 1e-4;
             let none = fit.normal.cost <= NONE * NONE * whole;
-            // Large powers bend within a rounding of their minimum: where no step lowers them the search is at its end.
+            // With large powers the curvature is below rounding near the minimum: a stalled search is then at its end.
             let stalled = fit.stopped == Stopped::Stalled && (still || power > 2.0);
             let converged = none || fit.stopped.converged() || stalled;
             let cost = fit.normal.cost;
@@ -144,8 +145,9 @@ impl MatchProblem<'_> {
         found
     }
 
-    /// The best of several starts and how many of them ended as low: the file's values, then values that are off by factors. Norms other than the first begin where
-    /// least squares end, which see all frequencies alike. Of ends that differ by rounding alone the one nearest the file's values is taken.
+    /// The best of several starts and the number of starts with the same minimum. The first start is the file's values, the others are off by factors. Norms
+    /// other than the first start at the least-squares result, which weights all frequencies equally. Among ends that differ by rounding, the one nearest the
+    /// file's values is selected.
     pub(super) fn best(
         &self,
         norm: &Norm,
@@ -189,7 +191,7 @@ impl MatchProblem<'_> {
         Some((self.continued(norm, prior, best), alike))
     }
 
-    /// A search that ran out of steps goes on from where it ended.
+    /// A search that ran out of steps continues from its end.
     fn continued(&self, norm: &Norm, prior: Option<Prior>, mut end: Descent) -> Descent {
         let last = &norm.powers[norm.powers.len().saturating_sub(1)..];
         for _ in 0..CONTINUED {
@@ -212,7 +214,7 @@ impl MatchProblem<'_> {
             if *nominal == 0.0 { drawn } else { nominal * (FACTOR.powf(drawn) - 1.0) / size }
         };
         let start: Vec<f64> = self.structure.nominal.iter().zip(&self.sizes).map(off).collect();
-        // A delay starts about the identified model's: from a sample or two away the search ends at another one. It is not negative.
+        // A delay starts near the identified model's: one or two samples away the search ends at another minimum. Delays are not negative.
         let delay = |(at, z): (usize, &f64)| match self.structure.identified_delay_s(at) {
             Some((delay_s, step_s)) => {
                 let drawn: f64 = random.sample(StandardNormal);
@@ -227,7 +229,7 @@ impl MatchProblem<'_> {
 
 /// F² with F = (Σ σ^p)^(1/p), half its gradient, and half its second derivative without that of the slopes.
 ///
-/// dσ_i = Re(u_i* dΨ v_i); what else of U* dΨ V is not 0 bends σ.
+/// dσ_i = Re(u_i* dΨ v_i); the other nonzero entries of U* dΨ V give the curvature of σ.
 pub(super) fn normal(parts: &Parts, power: f64) -> Normal {
     if power == 2.0 {
         return squares(parts);

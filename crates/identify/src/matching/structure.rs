@@ -1,4 +1,4 @@
-//! The structured model as a function of its free parameters: equations linearised at an operating point, in the time of the identified model.
+//! The structured model as a function of its free parameters: equations linearised at an operating point, in the time domain of the identified model.
 
 use nalgebra::DMatrix;
 
@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::structured::free::delay_name;
 use deadtime_model::{Channel, Equations, EquationsFile, ModelError, Operating, StateSpace};
 
-/// Central differences over this share of a parameter's size: entries are mostly linear in the parameters, so that rounding alone is left.
+/// Relative step of central differences: entries are mostly linear in the parameters, so that only rounding remains.
 const STEP: f64 = 1e-6;
 
 /// A parameter of the equations, or the delay of an input.
@@ -23,7 +23,7 @@ pub(super) enum Free {
 pub(super) struct Structure<'a> {
     file: &'a EquationsFile,
     equations: Equations,
-    /// Where it is linearised.
+    /// The point of the linearisation.
     x: Vec<f64>,
     u: Vec<f64>,
     /// Its outputs and inputs in the order of the match, with their units.
@@ -34,7 +34,7 @@ pub(super) struct Structure<'a> {
     /// The identified model, of the same channels.
     pub(super) target: System,
     pub(super) deviations: Vec<System>,
-    /// What a user should know.
+    /// Notes for the reader.
     pub(super) notes: Vec<String>,
 }
 
@@ -109,7 +109,7 @@ impl<'a> Structure<'a> {
         }
     }
 
-    /// The identified model's delay of the input whose delay this is, s, and the sample time that it is a multiple of (0 in continuous time).
+    /// The identified model's delay of the same input, s, and the sample time of which it is a multiple (0 in continuous time).
     pub(super) fn identified_delay_s(&self, at: usize) -> Option<(f64, f64)> {
         let Free::Delay(j) = self.free[at] else { return None };
         let shared = self.inputs.iter().position(|(own, _)| *own == j)?;
@@ -143,7 +143,7 @@ impl<'a> Structure<'a> {
         file
     }
 
-    /// The linear model with these values, of the match's channels, in the identified model's time.
+    /// The linear model with these values, for the match's channels, in the identified model's time domain.
     pub(super) fn system(&self, values: &[f64]) -> std::result::Result<System, ModelError> {
         let mut p = self.equations.nominal();
         let mut delays = self.file.input_delay_s.clone();
@@ -185,7 +185,7 @@ impl<'a> Structure<'a> {
                     changes.push(Some(std::array::from_fn(|m| (&up[m] - &down[m]) / (2.0 * STEP))));
                     ends.push(None);
                 }
-                // Matrices have other sizes on the other side of a whole number of samples.
+                // The matrices change their size at a whole number of samples.
                 Free::Delay(_) => {
                     changes.push(None);
                     ends.push(Some([
@@ -218,7 +218,7 @@ impl<'a> Structure<'a> {
         omegas.iter().map(at).collect()
     }
 
-    /// A nonlinear model that does not rest where it is linearised has another linear model a moment later.
+    /// The linearisation of a nonlinear model changes with time if the operating point is no equilibrium.
     fn note_unrest(&mut self) {
         let p = self.equations.nominal();
         let linear = |x: &[f64], u: &[f64]| {
@@ -266,7 +266,7 @@ fn names(list: &[Channel]) -> Vec<String> {
     list.iter().map(|c| c.name.clone()).collect()
 }
 
-/// What counts as one of each channel.
+/// The unit of each channel.
 fn check_units(options: &Matching, target: &Target) -> Result<(), MatchingError> {
     for (name, value) in &options.units {
         if !target.inputs.iter().chain(&target.outputs).any(|c| c.name == *name) {
@@ -281,7 +281,7 @@ fn check_units(options: &Matching, target: &Target) -> Result<(), MatchingError>
     Ok(())
 }
 
-/// The identified model's channels as the structured one has them; `None` where it has not.
+/// The identified model's channels in the structured one; `None` for a channel that it lacks. Errors: different units.
 fn shared(
     options: &Matching,
     own: &[Channel],
@@ -333,7 +333,7 @@ fn channels(
     Ok((outputs, inputs.into_iter().flatten().collect(), missing.into_iter().collect()))
 }
 
-/// States start where the file's do, inputs stand at the identified model's operating point; `at` says otherwise.
+/// The operating point: the file's initial states and the identified model's operating inputs, overridden by `at`.
 fn point(
     options: &Matching,
     file: &EquationsFile,
@@ -377,7 +377,7 @@ fn point(
     Ok((x, u))
 }
 
-/// Of `all`: the parameters that are not known, and the delays of the identified model's inputs.
+/// For `all`: the parameters not marked as known, and the delays of the identified model's inputs.
 fn free(options: &Matching, file: &EquationsFile, inputs: &[Shared]) -> Result<Vec<Free>> {
     let mut found = Vec::new();
     for name in &options.free {
@@ -405,7 +405,7 @@ fn free(options: &Matching, file: &EquationsFile, inputs: &[Shared]) -> Result<V
     if once.is_empty() { Err(MatchingError::NothingFree.into()) } else { Ok(once) }
 }
 
-/// The response of a model at these frequencies, where it is finite at all of them.
+/// The response of a model at these frequencies; `None` unless it is finite at all of them.
 pub(super) fn finite_responses(sys: &System, omegas: &[f64]) -> Option<Vec<GainMatrix>> {
     let all: Vec<DMatrix<_>> = omegas.iter().map(|w| sys.response(*w)).collect();
     all.iter().all(|g| g.iter().all(|v| v.re.is_finite() && v.im.is_finite())).then_some(all)

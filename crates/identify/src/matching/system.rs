@@ -1,4 +1,4 @@
-//! A linear model in continuous or sampled time: responses, their slopes, and how far two of one kind are apart.
+//! A linear model in continuous or sampled time: responses, their slopes, and the distance of two models.
 
 use nalgebra::{Complex, DMatrix};
 
@@ -10,13 +10,13 @@ use deadtime_model::{
 pub(super) type GainMatrix = DMatrix<Complex<f64>>;
 pub(super) type Matrices = [DMatrix<f64>; 4];
 
-/// Beyond so many states an eigenvalue problem of twice the size for each level takes longer than the match.
+/// Largest number of states for level sets: beyond it, an eigenvalue problem of twice the size per level takes longer than the match.
 const MOST_STATES: usize = 150;
 
-/// A difference of delays that turns the fastest pole's phase by less than this is rounding.
+/// A delay difference is rounding if it turns the fastest pole's phase by less than this, rad.
 const ROUNDING: f64 = 1e-8;
 
-/// A linear model in either time.
+/// A linear model in either time domain.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum System {
     Continuous(StateSpace<Continuous>),
@@ -56,7 +56,7 @@ impl System {
         }
     }
 
-    /// Poles that grow.
+    /// Number of unstable poles.
     pub(super) fn unstable(&self) -> usize {
         match self {
             Self::Continuous(sys) => sys.poles().iter().filter(|p| p.re > 0.0).count(),
@@ -64,7 +64,7 @@ impl System {
         }
     }
 
-    /// The model moved by `step` times a change of A, B, C, D, row by row.
+    /// The model plus `step` times a change of A, B, C, D, entry by entry.
     pub(super) fn moved(&self, change: &[f64], step: f64) -> Result<Self, ModelError> {
         let mut matrices = self.matrices();
         let needed = matrices.iter().map(DMatrix::len).sum();
@@ -97,7 +97,7 @@ impl System {
         })
     }
 
-    /// Outputs and inputs of these numbers, in these units.
+    /// The outputs and inputs with these indices, in these units.
     pub(super) fn selected(
         &self,
         outputs: &[(usize, f64)],
@@ -124,7 +124,7 @@ impl System {
         })
     }
 
-    /// A continuous model in the time of this one: itself, or sampled behind a zero-order hold.
+    /// A continuous model in the time domain of this one: itself, or sampled behind a zero-order hold.
     pub(super) fn in_time_of(
         &self,
         continuous: StateSpace<Continuous>,
@@ -137,7 +137,7 @@ impl System {
         })
     }
 
-    /// The response and how it changes with these changes of the matrices; `None` on a pole.
+    /// The response and its derivatives by these changes of the matrices; `None` on a pole.
     pub(super) fn slopes(
         &self,
         changes: &[Option<Matrices>],
@@ -146,7 +146,7 @@ impl System {
         each!(self, sys => slopes(sys, changes, omega))
     }
 
-    /// The largest gain of the difference over a band, exact; `None` where continuous delays differ, which is no rational model.
+    /// The largest gain of the difference over a band, exact. `None` for different continuous delays, whose difference is no rational model.
     pub(super) fn farthest(&self, other: &Self, band: [f64; 2]) -> Option<Peak> {
         match behind_common_delays(self, other)? {
             (Self::Continuous(one), Self::Continuous(two)) => {
@@ -167,7 +167,7 @@ impl System {
     }
 }
 
-/// Both without the delays that they share; sampled ones have the rest as states.
+/// Both models without their common delays; sampled ones have the remaining delays as states.
 fn behind_common_delays(one: &System, two: &System) -> Option<(System, System)> {
     match (one, two) {
         (System::Continuous(a), System::Continuous(b)) if alike(a, b) => {
@@ -190,7 +190,7 @@ fn behind_common_delays(one: &System, two: &System) -> Option<(System, System)> 
     }
 }
 
-/// Delays that differ by rounding alone, for the fastest pole of either.
+/// Delays that differ by rounding alone, relative to the fastest pole of either model.
 fn alike(one: &StateSpace<Continuous>, two: &StateSpace<Continuous>) -> bool {
     let fastest = one.a().norm().max(two.a().norm());
     let apart = |(a, b): (&f64, &f64)| (a - b).abs() * fastest;
@@ -214,7 +214,7 @@ fn difference<T: TimeDomain>(one: &StateSpace<T>, two: &StateSpace<T>) -> Option
     StateSpace::new(a, b, c, one.d() - two.d(), one.domain()).ok()
 }
 
-/// d(C R B + D) = dC R B + C R dA R B + C R dB + dD with R = (pI − A)⁻¹.
+/// The derivative with R = (pI − A)⁻¹. d(C R B + D) = dC R B + C R dA R B + C R dB + dD.
 fn slopes<T: TimeDomain>(
     sys: &StateSpace<T>,
     changes: &[Option<Matrices>],

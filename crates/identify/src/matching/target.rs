@@ -1,4 +1,4 @@
-//! The identified model that a structured one is matched to, with the uncertainty that its file carries.
+//! The identified model, as the target of a match, with the uncertainty from its file.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use deadtime_signal::time::SampleTime;
 /// An identified model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Target {
-    /// What it is called.
+    /// The name of the model.
     pub name: String,
     /// The inputs, with the operating point.
     pub inputs: Vec<Channel>,
@@ -23,7 +23,7 @@ pub struct Target {
     pub(super) system: System,
     /// Independent deviations of one standard deviation each.
     pub(super) deviations: Vec<System>,
-    /// The lowest frequency that the data show, rad/s.
+    /// The lowest frequency that the data determine, rad/s.
     pub(super) lowest_rad_s: Option<f64>,
 }
 
@@ -65,11 +65,11 @@ struct Point {
     outputs: Vec<f64>,
 }
 
-/// Deviations are taken this small: what they do to the response is their derivative.
+/// Step of the deviations, small enough that their effect on the response is a derivative.
 const STEP: f64 = 1e-3;
 
 impl Target {
-    /// Reads a linear model file, or what `deadtime identify --json` wrote, which carries the uncertainty too.
+    /// Reads a linear model file, or the output of `deadtime identify --json`, which includes the uncertainty.
     ///
     /// # Errors
     /// [`FileError::Io`](deadtime_signal::file::FileError::Io), [`ModelError`], or [`MatchingError::NotIdentified`] for another kind of file.
@@ -92,7 +92,7 @@ impl Target {
         }
     }
 
-    /// From the text of `deadtime/identify@1`; `source` is what it is called.
+    /// From the text of `deadtime/identify@1`; `source` is its name.
     ///
     /// # Errors
     /// [`MatchingError::NotIdentified`] for another text.
@@ -105,7 +105,7 @@ impl Target {
         Self::from_data(name, data, &not)
     }
 
-    /// From a linear model file; it says nothing of uncertainty.
+    /// From a linear model file, without uncertainty.
     ///
     /// # Errors
     /// [`ModelError`], or [`MatchingError::Unsupported`] for a model with effects.
@@ -130,7 +130,7 @@ impl Target {
         })
     }
 
-    /// From what was identified, with its uncertainty, behind these input delays (samples).
+    /// From an identified model with its uncertainty, behind these input delays (samples).
     ///
     /// # Errors
     /// [`ModelError::Count`] for another number of delays.
@@ -183,7 +183,7 @@ impl Target {
         Ok(target)
     }
 
-    /// Two periods within the rows are the lowest frequency.
+    /// The lowest frequency has two periods within the rows.
     fn with_uncertainty(&mut self, deviations: &[Vec<f64>], rows: usize) -> Result<()> {
         if let System::Sampled(sys) = &self.system {
             self.lowest_rad_s = Some(
@@ -197,13 +197,13 @@ impl Target {
         Ok(())
     }
 
-    /// Whether the file says how sure the model is.
+    /// The file has an uncertainty.
     #[must_use]
     pub fn has_uncertainty(&self) -> bool {
         !self.deviations.is_empty()
     }
 
-    /// What a deviation of one standard deviation does, of the response and that of the model moved by the small one.
+    /// The effect of a deviation of one standard deviation: the slope between the response and that of the slightly moved model.
     pub(super) fn slope(
         response: &DMatrix<nalgebra::Complex<f64>>,
         moved: &DMatrix<nalgebra::Complex<f64>>,

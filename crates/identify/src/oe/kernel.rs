@@ -1,4 +1,4 @@
-//! The model that is fitted most often, y = b/(1 + f₁q⁻¹ + f₂q⁻²) u(t − nk), at the processor's own pace.
+//! A fast kernel for the most frequent model, y = b/(1 + f₁q⁻¹ + f₂q⁻²) u(t − nk).
 
 use nalgebra::{DMatrix, DVector};
 use pulp::{Simd, WithSimd};
@@ -7,8 +7,8 @@ use super::work::Work;
 use crate::regression::dot;
 use deadtime_signal::fit::Normal;
 
-/// One evaluation of y = b/(1 + f₁q⁻¹ + f₂q⁻²) u(t − nk), in two passes over the records: cost, gradient, and the second derivatives themselves, not Gauss and
-/// Newton's approximation of them. At a wrong delay residuals are large, and with the approximation a search creeps.
+/// One evaluation of y = b/(1 + f₁q⁻¹ + f₂q⁻²) u(t − nk), in two passes over the records. The kernel returns cost, gradient, and exact second derivatives
+/// instead of the Gauss-Newton approximation. At a wrong delay residuals are large, and the approximation converges slowly.
 pub(super) struct SecondOrder<'a, 'b> {
     pub(super) records: &'a mut [Work<'b>],
     pub(super) nk: usize,
@@ -24,7 +24,7 @@ impl WithSimd for SecondOrder<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Option<Normal> {
-        // Fused where the processor can, which it can wherever it has vectors of four: the recursion waits for half as long.
+        // Fused multiply-add where the processor has it (always with vectors of four): it halves the latency of the recursion.
         let fused =
             |a: f64, b: f64, c: f64| if S::F64_LANES >= 4 { a.mul_add(b, c) } else { a * b + c };
         let Self { records, nk, f1, f2, power, limit, exact: wanted } = self;
@@ -43,7 +43,7 @@ impl WithSimd for SecondOrder<'_, '_> {
         // As in `project`.
         let ridged = gram + (1e-13 * gram + f64::MIN_POSITIVE);
         let b = right / ridged;
-        // By Pythagoras, with room for its rounding.
+        // By Pythagoras, with a margin for its rounding.
         if power - b * right > limit + 1e-9 * power {
             return None;
         }
@@ -77,7 +77,7 @@ impl WithSimd for SecondOrder<'_, '_> {
         if !ridged.is_finite() {
             return None;
         }
-        // Half the second derivatives after b and F, b eliminated; where they bend downwards, the product of first derivatives alone.
+        // Half the second derivatives by b and F, with b eliminated; under negative curvature, only the product of first derivatives.
         let mixed = |i: usize| gradient[i] / b - cross[i];
         let exact = |i: usize, j: usize| {
             information[i + j] - 2.0 * bend[i + j] - mixed(i) * mixed(j) / ridged
@@ -92,5 +92,5 @@ impl WithSimd for SecondOrder<'_, '_> {
     }
 }
 
-/// A curvature matrix whose determinant is a smaller share of its diagonal's product is not to be inverted.
+/// A curvature matrix is not inverted if its determinant is below this share of its diagonal's product.
 const CURVED: f64 = 1e-9;

@@ -1,25 +1,25 @@
-//! Output-error models: orders, start, and what is found.
+//! Output-error models: orders, initial state, and fits.
 
 use deadtime_signal::fit::Stopped;
 
-/// What is assumed about the model's state when a record starts.
+/// The assumption on the model's state when a record starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Initial {
     /// At rest.
     #[default]
     Zero,
-    /// Unknown: nf more parameters per record, estimated with the rest.
+    /// Unknown: nf more parameters per record, estimated jointly.
     Estimated,
 }
 
-/// Orders and start of an output-error model.
+/// Orders and initial state of an output-error model.
 ///
-/// The predictor is kept stable. B (and the start) enter linearly and are eliminated (variable projection, Kaufman's Jacobian), so only F is searched.
-/// Starts for each delay: a fixed table of pole positions, Steiglitz-McBride, and the neighbouring delays' solutions, upwards and downwards.
+/// The predictor is kept stable. B (and the initial state) enter linearly and are eliminated (variable projection, Kaufman's Jacobian), so the search is over F
+/// alone. Starts for each delay: a fixed table of pole positions, Steiglitz-McBride, and the neighbouring delays' solutions, upwards and downwards.
 ///
-/// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2 and 10.2; Golub and Pereyra (2003), doi:10.1088/0266-5611/19/2/201;
-/// Steiglitz and McBride (1965), doi:10.1109/TAC.1965.1098181.
+/// Source: Ljung (1999), "System Identification", 2nd ed., sections 4.2 and 10.2. Golub and Pereyra (2003), doi:10.1088/0266-5611/19/2/201. Steiglitz and
+/// McBride (1965), doi:10.1109/TAC.1965.1098181.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OutputError {
     /// Numerator coefficients.

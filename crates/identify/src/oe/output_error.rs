@@ -16,9 +16,9 @@ impl OutputError {
         Some(problem.records.into_iter().flat_map(|w| w.residual).collect())
     }
 
-    /// The covariance of b₀ … b_nb−1, f₁ … f_nf of a fitted model, residuals taken for white (multiply by samples per independent sample where they are not).
+    /// The covariance of b₀ … b_nb−1, f₁ … f_nf of a fitted model, for white residuals. For coloured ones, multiply by the samples per independent sample.
     ///
-    /// The start, where it is estimated, is eliminated. `None` where the parameters are indistinguishable.
+    /// An estimated initial state is eliminated. `None` where the parameters are indistinguishable.
     /// Source: Ljung (1999), "System Identification", 2nd ed., section 9.4.
     #[must_use]
     pub fn covariance(&self, records: &[Record], nk: usize, f: &[f64]) -> Option<DMatrix<f64>> {
@@ -29,7 +29,7 @@ impl OutputError {
         if freedom < 1.0 {
             return None;
         }
-        // Columns of unit length, so that the factor does not depend on units.
+        // Columns of unit length make the factor independent of units.
         let scale = information.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
         let unit = DMatrix::from_diagonal(&scale) * information * DMatrix::from_diagonal(&scale);
         let inverse = unit.cholesky()?.inverse();
@@ -43,7 +43,7 @@ impl OutputError {
         Some(DMatrix::from_fn(of.len(), of.len(), |i, j| all[(of[i], of[j])]))
     }
 
-    /// The model of delay `nk` whose minimum lies downhill from the denominator `start`.
+    /// The model of delay `nk` at the minimum downhill from the denominator `start`.
     #[must_use]
     pub fn refine(&self, records: &[Record], nk: usize, start: &[f64]) -> Option<OeFit> {
         let mut problem = OeProblem::new(*self, records);

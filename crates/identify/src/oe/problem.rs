@@ -1,4 +1,4 @@
-//! The least-squares problem of one delay: B (and the start) eliminated, F left.
+//! The least-squares problem of one delay in F, with B (and the initial state) eliminated.
 
 use nalgebra::{DMatrix, DVector};
 use pulp::Arch;
@@ -11,7 +11,7 @@ use crate::polynomial::{filter, is_stable, stabilised};
 use crate::regression::{Record, dot};
 use deadtime_signal::fit::Normal;
 
-/// Σ a(t − i)·b(t − j) over a record, signals being zero before it.
+/// Σ a(t − i)·b(t − j) over a record, with signals zero before it.
 fn lagged(a: &[f64], b: &[f64], i: usize, j: usize) -> f64 {
     let n = a.len();
     let lag = i.max(j);
@@ -26,17 +26,16 @@ pub(super) struct OeProblem<'a> {
     orders: OutputError,
     pub(super) nk: usize,
     pub(super) records: Vec<Work<'a>>,
-    /// Linear coefficients of the last evaluation: b, then the starts record by record.
+    /// Linear coefficients of the last evaluation: b, then the initial states record by record.
     pub(super) linear: DVector<f64>,
     /// Σ y².
     pub(super) power: f64,
-    /// Second derivatives themselves where they are known ([`OeProblem::is_second_order`]), else
-    /// the product of first ones.
+    /// Exact second derivatives where available ([`OeProblem::is_second_order`]), else the product of first ones.
     pub(super) exact: bool,
     arch: Arch,
 }
 
-/// Inner products of the residuals' derivatives after F.
+/// Inner products of the residuals' derivatives by F.
 struct Sensitivity {
     /// With the residuals.
     gradient: DVector<f64>,
@@ -109,7 +108,7 @@ impl<'a> OeProblem<'a> {
         }
     }
 
-    /// Solves the linear part for filtered signals, leaves model and residual in the work space and returns the loss (Σ e²).
+    /// Solves the linear part for filtered signals, stores model and residual in the work space and returns the loss (Σ e²).
     pub(super) fn project(&mut self) -> Option<(DMatrix<f64>, f64)> {
         let k = self.linear_count();
         let (mut gram, mut right) = (DMatrix::<f64>::zeros(k, k), DVector::<f64>::zeros(k));
@@ -133,7 +132,7 @@ impl<'a> OeProblem<'a> {
                 }
             }
         }
-        // A relative ridge of rounding size: starts and inputs may coincide (an impulse at the first sample), their sum is what matters.
+        // A relative ridge of rounding size: initial states and inputs may coincide (an impulse at the first sample), only their sum matters.
         let mut ridged = gram.clone();
         for i in 0..k {
             ridged[(i, i)] += 1e-13 * gram[(i, i)] + f64::MIN_POSITIVE;
@@ -165,7 +164,7 @@ impl<'a> OeProblem<'a> {
         Some((factor.inverse(), cost))
     }
 
-    /// The losses (Σ e²) of all delays for one F, good enough to rank starts; NaN where there is none.
+    /// The losses (Σ e²) of all delays for one F, accurate enough to rank starts; NaN where undefined.
     pub(super) fn costs(&mut self, f: &[f64], max_delay: usize) -> Vec<f64> {
         self.filter(f);
         self.quick_costs(max_delay).unwrap_or_else(|| {
@@ -177,8 +176,8 @@ impl<'a> OeProblem<'a> {
         })
     }
 
-    /// The losses of all delays for filtered signals out of one correlation, good enough to rank starts; `None` but for one numerator coefficient, a start at
-    /// rest and no sample missing.
+    /// The losses of all delays for filtered signals from one correlation, accurate enough to rank starts. `None` unless one numerator coefficient, a start at
+    /// rest and no missing sample.
     pub(super) fn quick_costs(&self, max_delay: usize) -> Option<Vec<f64>> {
         if self.orders.nb != 1
             || self.orders.initial != Initial::Zero
@@ -208,7 +207,7 @@ impl<'a> OeProblem<'a> {
         )
     }
 
-    /// One numerator coefficient, two poles, a start at rest and no sample missing: [`Self::evaluate`] then knows the second derivatives.
+    /// One numerator coefficient, two poles, a start at rest and no missing sample: [`Self::evaluate`] then has exact second derivatives.
     pub(super) fn is_second_order(&self) -> bool {
         let OutputError { nb, nf, initial } = self.orders;
         (nb, nf, initial) == (1, 2, Initial::Zero)
@@ -230,7 +229,7 @@ impl<'a> OeProblem<'a> {
         Some(Normal { cost, gradient, information })
     }
 
-    /// What the residuals' derivatives after F have to do with the residuals, with each other and with the linear part, at the last projection.
+    /// Inner products of the residuals' derivatives by F with the residuals, with each other and with the linear part, at the last projection.
     fn sensitivity(&mut self, f: &[f64]) -> Sensitivity {
         let (k, nf) = (self.linear_count(), f.len());
         let mut gradient = DVector::<f64>::zeros(nf);
@@ -269,7 +268,7 @@ impl<'a> OeProblem<'a> {
         Sensitivity { gradient, information, cross }
     }
 
-    /// JᵀJ over the linear part (B, then the starts) and F, and the loss.
+    /// JᵀJ over the linear part (B, then the initial states) and F, and the loss.
     pub(super) fn information(&mut self, f: &[f64]) -> Option<(DMatrix<f64>, f64)> {
         if !is_stable(f) {
             return None;
@@ -281,14 +280,14 @@ impl<'a> OeProblem<'a> {
         let (k, nf) = (linear.nrows(), f.len());
         let mut all = DMatrix::zeros(k + nf, k + nf);
         all.view_mut((0, 0), (k, k)).copy_from(&linear);
-        // The model's derivative after a coefficient of F is minus the residual's.
+        // The model's derivative by a coefficient of F is minus the residual's.
         all.view_mut((0, k), (k, nf)).copy_from(&-&cross);
         all.view_mut((k, 0), (nf, k)).copy_from(&-cross.transpose());
         all.view_mut((k, k), (nf, nf)).copy_from(&information);
         Some((all, cost))
     }
 
-    /// [`Self::evaluate`] for one numerator coefficient, two poles, a start at rest and no sample missing.
+    /// [`Self::evaluate`] for one numerator coefficient, two poles, a start at rest and no missing sample.
     fn evaluate_second_order(&mut self, f1: f64, f2: f64, limit: f64) -> Option<Normal> {
         let arch = self.arch;
         arch.dispatch(SecondOrder {
@@ -348,7 +347,7 @@ impl<'a> OeProblem<'a> {
             if rows <= columns {
                 return None;
             }
-            // Only a start is wanted: a ridge of rounding size stands for a rank decision. The lower triangle is all that is read.
+            // A ridge of rounding size replaces a rank decision, which suffices for a start. Only the lower triangle is read.
             for i in 0..columns {
                 gram[(i, i)] += 1e-14 * gram[(i, i)] + f64::MIN_POSITIVE;
             }
@@ -363,7 +362,7 @@ impl<'a> OeProblem<'a> {
 mod tests {
     use super::*;
 
-    /// The analytic gradient of the projected problem against differences of its cost.
+    /// The analytic gradient of the projected problem equals differences of its cost.
     #[test]
     fn the_gradient_is_the_derivative_of_the_cost() {
         let u: Vec<f64> = (0..120).map(|k| f64::from((k * 7919 % 13) as u8) - 6.0).collect();
@@ -404,7 +403,7 @@ mod tests {
         filter(&u, &[-1.2, 0.5], &mut y);
         let noisy: Vec<f64> =
             y.iter().enumerate().map(|(k, v)| v + ((k * 31 % 17) as f64 - 8.0) * 0.3).collect();
-        // Weights that are all 1 lead through the general evaluation.
+        // Weights of 1 select the general evaluation.
         let records = [
             Record::new(u.clone(), noisy.clone()),
             Record::new(u[..90].to_vec(), noisy[..90].to_vec()),
@@ -434,7 +433,7 @@ mod tests {
                 };
                 let numeric = (gradient(h) - gradient(-h)) / (2.0 * h);
                 let off = (a.information.column(i) - numeric).amax();
-                // Where the loss bends downwards the product of first derivatives stands in.
+                // Under negative curvature, the product of first derivatives replaces it.
                 let bends = (&a.information - &b.information).amax() < 1e-10 * b.information.amax();
                 assert!(bends || off < 1e-6 * a.information.amax(), "{nk}: {off}");
                 upwards += usize::from(!bends);

@@ -9,7 +9,8 @@ use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish, pol
 use deadtime_signal::stop::Stop;
 use nalgebra::DVector;
 
-/// The search has come back to a known minimum: its loss exceeds it by less than the tolerance, and the quadratic model says that nothing lies between.
+/// The search has returned to a known minimum. The loss exceeds that minimum by less than the tolerance, and the quadratic model predicts no minimum in
+/// between.
 fn is_same_minimum(f: &[f64], normal: &Normal, known: &Fit) -> bool {
     let excess = NEAR * known.normal.cost;
     let away = DVector::from_iterator(f.len(), f.iter().zip(&known.parameters).map(|(a, b)| a - b));
@@ -18,10 +19,10 @@ fn is_same_minimum(f: &[f64], normal: &Normal, known: &Fit) -> bool {
         && (&known.normal.information * &away).dot(&away) <= 2.0 * excess
 }
 
-/// A loss this close to a minimum, relative, with parameters that explain it, belongs to that minimum.
+/// A loss within this relative distance of a minimum, with parameters that explain it, belongs to that minimum.
 const NEAR: f64 = 1e-5;
 
-/// Denominators that between them are near most sampled dynamics: real and complex pole pairs from fast to slow.
+/// Denominators close to most sampled dynamics: real and complex pole pairs from fast to slow.
 fn table(nf: usize) -> Vec<Vec<f64>> {
     let real = [0.0, 0.5, 0.8, 0.95, 0.99];
     let mut seeds: Vec<Vec<f64>> = Vec::new();
@@ -44,10 +45,10 @@ fn table(nf: usize) -> Vec<Vec<f64>> {
     seeds
 }
 
-/// Slope and relative step at which a minimum is found.
+/// Slope and relative step at a converged minimum.
 const TIGHT: f64 = 1e-9;
 
-/// Searches from one more start; keeps what is lower than the best so far.
+/// Searches from one more start; keeps the lower minimum.
 fn improve(
     problem: &mut OeProblem<'_>,
     search: &LevenbergMarquardt,
@@ -55,7 +56,7 @@ fn improve(
     start: &[f64],
 ) {
     let known = best.as_ref().filter(|fit| fit.stopped.converged());
-    // A second start is worth a search only where it does not lead to the same minimum at once.
+    // A second start is searched only if it does not lead to the same minimum at once.
     if known.is_some_and(|fit| fit.parameters.iter().zip(start).all(|(a, b)| (a - b).abs() <= 1e-6))
     {
         return;
@@ -76,7 +77,7 @@ fn improve(
     }
 }
 
-/// Second derivatives stop at the edge of stability; the product of first ones still creeps along it.
+/// Exact second derivatives stop at the edge of stability; the product of first ones continues along it.
 fn creep(
     problem: &mut OeProblem<'_>,
     search: &LevenbergMarquardt,
@@ -98,7 +99,7 @@ fn creep(
     problem.exact = true;
 }
 
-/// The search only finds the valley; the minimum in it is Newton's, and where curvature does not let it, that of a search with tight tolerances.
+/// The search only finds the valley. Newton steps find the minimum in it, or a search with tight tolerances where the curvature is unsuitable.
 fn settle(
     problem: &mut OeProblem<'_>,
     search: &LevenbergMarquardt,
@@ -123,15 +124,15 @@ fn settle(
 }
 
 impl OutputError {
-    /// The best model for nk = 0 … `max_delay`; `None` for a delay whose model cannot be evaluated (the input is zero, say).
+    /// The best model for nk = 0 … `max_delay`; `None` for a delay whose model cannot be evaluated (for example a zero input).
     ///
-    /// All samples count, also for nk = 0: before a record the input is taken to be zero.
+    /// All samples are used, also for nk = 0: before a record the input is taken as zero.
     #[must_use]
     pub fn scan(&self, records: &[Record], max_delay: usize) -> Vec<Option<OeFit>> {
         self.scan_until(records, max_delay, &Stop::default())
     }
 
-    /// [`Self::scan`] that breaks off once it is wished; what it gives then says nothing.
+    /// [`Self::scan`] with cancellation; a cancelled scan has no valid result.
     #[must_use]
     pub fn scan_until(
         &self,
@@ -150,7 +151,7 @@ impl OutputError {
         };
         let seeds = self.seeds(&mut problem, max_delay, stop);
         let mut best: Vec<Option<Fit>> = vec![None; max_delay + 1];
-        // Twice: what one neighbour found on the way down may help the next on the way up.
+        // Twice: a neighbour's result from the downward pass may help the next upward pass.
         for (sweep, upwards) in [true, false, true, false].into_iter().enumerate() {
             for step in 0..=max_delay {
                 if stop.is_set() {
@@ -186,7 +187,8 @@ impl OutputError {
         best.into_iter().enumerate().map(settled).collect()
     }
 
-    /// Σ e²/samples for each of the given denominators and nk = 0 … `max_delay`, the numerator the best; good to rounding of the output's power, NaN where there is none.
+    /// Σ e²/samples for each of the given denominators and nk = 0 … `max_delay`, with the best numerator. Accurate to rounding of the output's power; NaN where
+    /// undefined.
     #[must_use]
     pub fn losses(
         &self,

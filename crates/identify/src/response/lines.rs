@@ -1,4 +1,4 @@
-//! What a method says at one frequency, and what follows from it.
+//! The result of a method at one frequency, and quantities derived from it.
 
 use nalgebra::{Complex, DMatrix};
 
@@ -29,7 +29,7 @@ pub struct Line {
 pub struct Seen {
     /// By frequency, increasing.
     pub lines: Vec<Line>,
-    /// What a reader must know, a sentence each.
+    /// Notes to report, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -42,17 +42,17 @@ pub struct Point {
     pub value: Complex<f64>,
     /// Standard deviation of the real part, and of the imaginary part.
     pub std: f64,
-    /// Squared coherence of this input and output, the other inputs' parts removed: |G|²/(|G|² + noise over input), from 0 to 1.
+    /// Squared coherence of this input and output without the other inputs' parts: |G|²/(|G|² + noise over input), from 0 to 1.
     pub coherence: f64,
-    /// Standard deviations on either side of a part that hold 95 %: Student's quantile.
+    /// Half width of a 95 % interval of a part, in standard deviations: Student's quantile.
     pub quantile: f64,
 }
 
-/// A standard deviation is never below this share of |G|: rounding.
+/// Lower bound of a standard deviation, as a share of |G|: rounding.
 const ROUNDING: f64 = 1e-12;
 
 impl Line {
-    /// One entry of G with its noise; `None` where it is not a number or rounding hides it.
+    /// One entry of G with its noise; `None` where it is not finite or rounding hides it.
     #[must_use]
     pub fn point(&self, output: usize, input: usize) -> Option<Point> {
         let value = *self.g.get((output, input))?;

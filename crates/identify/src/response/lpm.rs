@@ -1,7 +1,7 @@
 //! The local polynomial method: response and transient are smooth over frequency, noise is not.
 //!
-//! Equation: Y(k+r) = G(k+r)·U(k+r) + T(k+r) + V(k+r), r = −n … n, with G(k+r) = G(k) + Σₛ gₛ(k)·rˢ and T alike, s = 1 … R, by least squares; the noise's
-//! covariance is that of the residual, by its degrees of freedom q = 2n + 1 − (R+1)(m+1).
+//! Equation: Y(k+r) = G(k+r)·U(k+r) + T(k+r) + V(k+r), r = −n … n, by least squares. G(k+r) = G(k) + Σₛ gₛ(k)·rˢ and T alike, s = 1 … R. The residual gives the
+//! noise's covariance, with q = 2n + 1 − (R+1)(m+1) degrees of freedom.
 
 use nalgebra::{Complex, DMatrix};
 use rayon::prelude::*;
@@ -16,10 +16,10 @@ use deadtime_signal::{RealFourier, stats};
 /// The local polynomial method (LPM).
 ///
 /// Inputs: records of m inputs and l outputs, N samples each; Output: G at up to `lines` frequencies.
-/// Assumes: a linear plant, inputs that do not depend on the outputs' noise, G smooth over a window of 2n + 1 lines.
-/// Resolution and cost: the grid of the longest record; O(N log N) and a regression a line. Several records share G, each has its own transient.
-/// Fails when: inputs excite single lines only (a multisine whose lines stand far apart): no slope of G is seen, and the lines are absent. A resonance
-/// narrower than the window is smoothed, and the residual widens the interval.
+/// Assumes: a linear plant, inputs independent of the outputs' noise, G smooth over a window of 2n + 1 lines.
+/// Resolution and cost: the grid of the longest record; O(N log N) and a regression per line. Several records share G, each has its own transient.
+/// Fails when: inputs excite single lines only (a multisine with widely spaced lines). The slope of G is then undetermined, and the lines are absent. A
+/// resonance narrower than the window is smoothed, and the residual widens the interval.
 /// Source: Pintelon, Schoukens, Vandersteen and Barbé (2010), Mech. Syst. Signal Process. 24(3), 573-595, doi:10.1016/j.ymssp.2009.08.009; Pintelon and
 /// Schoukens (2012), 2nd ed., section 7.2.2, doi:10.1002/9781118287422.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -27,9 +27,9 @@ use deadtime_signal::{RealFourier, stats};
 pub struct LocalPolynomial {
     /// R, the order of the polynomials; default 2, at most 6.
     pub order: usize,
-    /// q, complex degrees of freedom of the noise at least; default 8: wider windows know the noise better and follow resonances worse.
+    /// Minimum of q, the complex degrees of freedom of the noise; default 8: wider windows determine the noise better and follow resonances worse.
     pub freedom: usize,
-    /// Frequencies at most, evenly spaced; default 1024. Windows are then as wide as their distance.
+    /// Largest number of evenly spaced frequencies; default 1024. Windows are then as wide as the spacing.
     pub lines: usize,
 }
 
@@ -52,7 +52,7 @@ impl Spectra {
         let (fourier, last) = (RealFourier::new(n), n.saturating_sub(1) / 2);
         let scale = 1.0 / (n.max(1) as f64).sqrt();
         let one = |row: Vec<f64>| {
-            // Only the line at 0 knows the mean; without it large means do not cost digits.
+            // Only the line at 0 contains the mean; removing it keeps digits.
             let mean = stats::mean(row.iter().copied()).unwrap_or(0.0);
             fourier
                 .spectrum(row.into_iter().map(|v| (v - mean) * scale))
@@ -72,9 +72,9 @@ impl Spectra {
     }
 }
 
-/// A column whose own part is smaller than this share repeats those before it.
+/// A column whose own part is below this share depends on the previous ones.
 const REPEATED: f64 = 1e-8;
-/// An input that is smaller in a window than this share of its largest line excites nothing there.
+/// An input below this share of its largest line excites nothing in a window.
 const SILENT: f64 = 1e-9;
 
 impl ResponseMethod for LocalPolynomial {
@@ -84,7 +84,7 @@ impl ResponseMethod for LocalPolynomial {
         let longest = records.iter().map(Spectra::lines).max().unwrap_or(0);
         let samples = records.iter().map(|r| r.samples).max().unwrap_or(0);
         let m = recordings.inputs.len();
-        // Lines of the grid stand `step` lines of the longest record apart.
+        // Neighbouring lines of the grid are `step` lines of the longest record apart.
         let step = longest.div_ceil(self.lines).max(1);
         let Some(half) = (step.div_ceil(2)..=longest.saturating_sub(1) / 2)
             .find(|n| self.left(&records, samples, *n, m) >= self.freedom)
@@ -139,7 +139,7 @@ impl LocalPolynomial {
         }
     }
 
-    /// Degrees of freedom that windows of n lines on each side leave, of the longest record; 0 where too few.
+    /// Degrees of freedom for windows of n lines on each side, of the longest record; 0 where too few.
     fn left(&self, records: &[Spectra], samples: usize, n: usize, m: usize) -> usize {
         let terms = self.order + 1;
         let of = |r: &Spectra| width(r, samples, n).saturating_sub(terms);
@@ -147,13 +147,13 @@ impl LocalPolynomial {
     }
 }
 
-/// Lines of a record in a window that has n lines of the longest one on each side.
+/// Number of lines of a record in a window with n lines of the longest record on each side.
 fn width(r: &Spectra, samples: usize, n: usize) -> usize {
     let own = (n as f64 * r.samples as f64 / samples.max(1) as f64).round() as usize;
     (2 * own + 1).min(r.lines())
 }
 
-/// Which record, the record, and a line of it.
+/// Index of the record, the record, and a line of it.
 type Rows<'a> = Vec<(usize, &'a Spectra, usize)>;
 
 struct Window<'a> {
@@ -192,7 +192,7 @@ impl Window<'_> {
             return None;
         }
         let power = |x: f64, s: usize| x.powi(i32::try_from(s).unwrap_or(0));
-        // Transients first, then the slopes of G, last G itself: it is what stands in the corner of the triangle.
+        // Transients first, then the slopes of G, last G itself in the corner of the triangle.
         let regressors = DMatrix::from_fn(rows.len(), columns, |row, column| {
             let (which, r, line) = rows[row];
             let x = (line as f64 / r.samples as f64 - middle) / reach;
@@ -219,12 +219,12 @@ impl Window<'_> {
         let found = r.solve_upper_triangular(&seen)?;
         let rest = &outputs - &q * &seen;
         let freedom = rows.len() - columns;
-        // The errors of row a are those of conj: vₐ·v_b* is the covariance.
+        // Conjugation, because row a has the errors conj(vₐ): the covariance is vₐ·v_b*.
         let noise = (rest.transpose() * rest.conjugate()) / Complex::from(freedom as f64);
         let first = columns - m;
         let size = |i: usize| sizes[first + i];
         let g = DMatrix::from_fn(channels - m, m, |a, i| found[(first + i, a)] / size(i));
-        // (KᴴK)⁻¹ of the last m columns is that of the corner of the triangle.
+        // (KᴴK)⁻¹ of the last m columns equals that of the triangle's corner.
         let corner = r.view((first, first), (m, m)).into_owned();
         let inverse = corner.solve_upper_triangular(&DMatrix::identity(m, m))?;
         let product = &inverse * inverse.adjoint();

@@ -29,12 +29,13 @@ pub const RESPONSES: &[Entry<dyn ResponseMethod>] = &[
 
 /// Frequency responses from the named inputs to the named outputs by the method of this name.
 ///
-/// Inputs: logs on one even grid, any number of records. `references`: of a closed loop what is fed in from outside, as many as inputs; then
-/// G = G_yr·G_ur⁻¹, which feedback of noise does not bias. Source: Pintelon and Schoukens (2012), "System Identification: A Frequency Domain Approach",
-/// 2nd ed., section 2.6 and chapter 7, doi:10.1002/9781118287422.
+/// Inputs: logs on one even grid, any number of records. `references`: external signals of a closed loop, as many as inputs. Then G = G_yr·G_ur⁻¹, which
+/// feedback of noise does not bias. Source: Pintelon and Schoukens (2012), "System Identification: A Frequency Domain Approach", 2nd ed., section 2.6 and
+/// chapter 7, doi:10.1002/9781118287422.
 ///
 /// # Errors
-/// [`deadtime_log::LogError`] for channels and time stamps, [`deadtime_signal::registry::RegistryError`] for method and options, [`IdentifyError`] for the data.
+/// [`deadtime_log::LogError`] for channels and time stamps, [`deadtime_signal::registry::RegistryError`] for method and options, [`IdentifyError`] for
+/// the data.
 pub fn frequency_responses(
     logs: &[Log],
     (inputs, outputs, references): (&[String], &[String], &[String]),

@@ -1,7 +1,8 @@
-//! Frequency responses from records without a model: one file a method, one line each in [`RESPONSES`].
+//! Frequency responses from records without a model: one file per method, one line each in [`RESPONSES`].
 //!
-//! Both methods say at each line ω: y = G·u + v, with G (l × m), the covariance of the noise v (l × l) and how well the inputs are distinguishable (m × m).
-//! From these follow standard deviations, 95 % intervals and coherence alike (`lines`); with a reference, those of a loop (`reference`).
+//! Both methods model each line ω as y = G·u + v. The methods return G (l × m) and the covariance of the noise v (l × l). A third matrix (m × m) measures how
+//! distinguishable the inputs are. Standard deviations, 95 % intervals and coherence follow in the same way (`lines`); with a reference, those of a loop
+//! (`reference`).
 
 mod lines;
 mod lpm;

@@ -1,4 +1,4 @@
-//! Closed loops: the response from u to y by way of a reference r that no noise reaches.
+//! Closed loops: the response from u to y by a reference r that is independent of the noise.
 //!
 //! Equation: G = G_yr·G_ur⁻¹, and δG = [I, −G]·δG_zr·G_ur⁻¹ with z = [y; u].
 
@@ -7,10 +7,11 @@ use nalgebra::{Complex, DMatrix};
 use super::lines::{Line, Seen};
 use crate::error::IdentifyError;
 
-/// The responses from the m inputs, which are the last m of the l + m outputs of `seen`, to the first l; lines where references do not move the inputs go.
+/// The responses from the m inputs to the first l outputs; the inputs are the last m of the l + m outputs of `seen`. Lines without a reference effect on the
+/// inputs are dropped.
 ///
-/// Assumes: the references do not depend on noise, and one reference at least moves each input.
-/// Fails when: the references move inputs alike at every line: [`IdentifyError::References`] names the numbers.
+/// Assumes: the references are independent of noise, and at least one reference moves each input.
+/// Fails when: the references have collinear effects on the inputs at every line. [`IdentifyError::References`] has the numbers.
 /// Source: Pintelon and Schoukens (2012), 2nd ed., section 2.6.4, doi:10.1002/9781118287422 (joint input-output approach).
 pub(super) fn divided(seen: Seen, outputs: usize) -> Result<Seen, IdentifyError> {
     let all = seen.lines.len();
@@ -35,7 +36,7 @@ fn at(line: Line, outputs: usize) -> Option<Line> {
         .clone()
         .try_inverse()
         .filter(|b| b.iter().all(|v| v.re.is_finite() && v.im.is_finite()))?;
-    // Where noise hides the inputs' own responses, the division would be by noise: no first-order variance holds.
+    // Where noise hides the inputs' own responses, the division would be by noise, without a valid first-order variance.
     let moved = (0..m).all(|i| {
         let power: f64 = u.row(i).iter().map(|v| v.norm_sqr()).sum();
         let noise: f64 = (0..m)
@@ -62,5 +63,6 @@ fn at(line: Line, outputs: usize) -> Option<Line> {
     })
 }
 
-/// Responses of the inputs to the references over the variance of their errors: below it the first-order variance of a ratio is too small (ten parts in power, about a third in size).
+/// Least squared response of the inputs to the references over the variance of its error. Below it the first-order variance of a ratio is too small (10 in
+/// power, about a third in size).
 const LEAST_RATIO: f64 = 10.0;

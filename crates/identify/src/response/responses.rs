@@ -10,7 +10,7 @@ pub trait ResponseMethod: Send + Sync {
     /// G and its noise at each line that the inputs excite, above 0 and below the Nyquist frequency.
     ///
     /// # Errors
-    /// [`IdentifyError`]: records that are too short, inputs that excite nothing or are combinations of each other, options beyond their range.
+    /// [`IdentifyError`] for records too short, inputs without excitation or collinear ones, options out of their range.
     fn lines(&self, recordings: &Recordings) -> std::result::Result<Seen, IdentifyError>;
 }
 
@@ -25,13 +25,13 @@ pub struct Responses {
     pub inputs: Vec<Named>,
     /// The outputs.
     pub outputs: Vec<Named>,
-    /// The references of a loop; none: the inputs are taken for independent of the outputs' noise.
+    /// The references of a loop; empty: the inputs are assumed independent of the outputs' noise.
     pub references: Vec<Named>,
     /// Samples of all records.
     pub samples: usize,
-    /// By frequency, increasing; what the inputs do not excite is absent.
+    /// By increasing frequency; lines without input excitation are absent.
     pub lines: Vec<Line>,
-    /// What a reader must know, a sentence each.
+    /// Notes to report, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -63,7 +63,7 @@ pub(super) fn of(
     }
 }
 
-/// Why no line has an answer: inputs that repeat each other, or that do not move.
+/// Why no line has a result: collinear or constant inputs.
 pub(super) fn unexcited(recordings: &Recordings) -> IdentifyError {
     let names: Vec<&str> = recordings.inputs.iter().map(|n| n.name.as_str()).collect();
     match names.split_last() {

@@ -14,18 +14,18 @@ use deadtime_signal::SpectralMatrix;
 /// Welch's method: averaged spectra of overlapping segments under Hann's window.
 ///
 /// Inputs: records of m inputs and l outputs; Output: G at the lines of a segment.
-/// Assumes: a linear plant whose memory (dead time and decay) is short compared with a segment, inputs that do not depend on the outputs' noise.
+/// Assumes: a linear plant whose memory (dead time and decay) is short compared with a segment, inputs independent of the outputs' noise.
 /// Resolution and cost: 1/(segment's duration); O(N log N).
-/// Fails when: a resonance is narrower than two lines or the dead time no small part of a segment: leakage is a bias that the coherence shows as noise,
-/// and its interval only in part.
-/// Source: Welch (1967), doi:10.1109/TAU.1967.1161901 (overlapping averages); Bendat and Piersol (2010), "Random Data", 4th ed., sections 6.1 and 9.2,
+/// Fails when: a resonance is narrower than two lines, or the dead time is a considerable part of a segment. Leakage is then a bias that the coherence reports
+/// as noise, and its interval only in part.
+/// Source: Welch (1967), doi:10.1109/TAU.1967.1161901 (overlapping averages). Bendat and Piersol (2010), "Random Data", 4th ed., sections 6.1 and 9.2,
 /// doi:10.1002/9781118032428: var Ĥ = |H|²(1 − γ²)/(γ²·K).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Welch {
-    /// Samples of a segment; default an eighth of the longest record.
+    /// Samples of a segment; default 1/8 of the longest record.
     pub segment: Option<usize>,
-    /// Share of a segment that the next one repeats; default 0.5, below 1.
+    /// Share of a segment in common with the next one; default 0.5, below 1.
     pub overlap: f64,
 }
 
@@ -35,13 +35,13 @@ impl Default for Welch {
     }
 }
 
-/// Segments of the longest record where none is asked for, not counting overlap.
+/// Default number of segments of the longest record, not counting overlap.
 const SEGMENTS: usize = 8;
 /// Shortest segment.
 const SHORTEST: usize = 8;
 /// A spectrum below this share of its largest line excites nothing.
 const SILENT: f64 = 1e-18;
-/// A determinant of the inputs' coherences below it: one repeats the others.
+/// Determinant of the inputs' coherences below which one input depends on the others.
 const REPEATED: f64 = 1e-12;
 
 impl ResponseMethod for Welch {
@@ -75,7 +75,7 @@ impl ResponseMethod for Welch {
             let omega_rad_s = std::f64::consts::TAU * k as f64 / (spectra.segment as f64 * ts);
             Some(Line { omega_rad_s, ..line(spectra.lines.get(k)?, &peaks, averages)? })
         };
-        // Neither 0, which the means are taken from, nor the Nyquist frequency, where spectra are real.
+        // Excluded are 0, which contains the means, and the Nyquist frequency, where spectra are real.
         let all = 1..=spectra.segment.saturating_sub(1) / 2;
         let (lines, count) = (all.clone().filter_map(at).collect::<Vec<Line>>(), all.count());
         if lines.is_empty() {
@@ -94,8 +94,7 @@ impl ResponseMethod for Welch {
     }
 }
 
-/// G and its noise from one spectral matrix, the inputs first; `None` where they do not excite it,
-/// or not each on its own.
+/// G and its noise from one spectral matrix, the inputs first. `None` where the inputs do not excite the line, or not independently.
 fn line(s: &DMatrix<Complex<f64>>, peaks: &[f64], averages: f64) -> Option<Line> {
     let m = peaks.len();
     let l = s.nrows() - m;

@@ -1,4 +1,4 @@
-//! Signals behind 1/A(p), exact for inputs that are held between their samples.
+//! Signals through 1/A(p), exact for inputs held between their samples.
 
 use crate::rival::polynomial;
 use deadtime_model::exp;
@@ -37,13 +37,13 @@ impl Poles {
         })
     }
 
-    /// Every pole decays.
+    /// All poles are stable.
     pub(super) fn is_stable(&self) -> bool {
         self.a.iter().all(|v| v.is_finite())
             && eigenvalues(&self.companion()).iter().all(|p| p.re < 0.0)
     }
 
-    /// Poles that grow mirrored, and time in units of their geometric mean.
+    /// Unstable poles mirrored, with time in units of their geometric mean.
     pub(super) fn settled(&self) -> Option<Self> {
         if !self.a.iter().all(|v| v.is_finite()) {
             return None;
@@ -56,14 +56,14 @@ impl Poles {
         Some(Self { omega: self.omega * unit, a: polynomial(mirrored) })
     }
 
-    /// Of sampled poles; `None` where one has no logarithm.
+    /// From sampled poles; `None` where one has no logarithm.
     pub(super) fn of_sampled(poles: &[nalgebra::Complex<f64>]) -> Option<Self> {
         let whole = poles.iter().all(|z| z.norm() > 1e-6 && !(z.im == 0.0 && z.re < 0.0));
         let poles = poles.iter().map(|z| z.ln());
         whole.then(|| Self { omega: 1.0, a: polynomial(poles) })?.settled()
     }
 
-    /// The states pⁿ⁻¹/A, …, 1/A of the input `u` that acts `delay` samples late, from rest; u[`from`] is that of the first sample.
+    /// The states pⁿ⁻¹/A, …, 1/A of the input `u` delayed by `delay` samples, from rest; u[`from`] is that of the first sample.
     pub(super) fn states(&self, u: &[f64], delay: f64, from: usize) -> Vec<Vec<f64>> {
         let whole = delay.floor();
         let part = delay - whole;
@@ -78,7 +78,7 @@ impl Poles {
         run(&phi, DVector::zeros(self.order()), u.len() - from, drive)
     }
 
-    /// The states of a signal that is not held: straight lines between its samples have their means there.
+    /// The states of a signal that is not held: the mean of linear interpolation over each sample.
     pub(super) fn states_of_output(&self, y: &[f64]) -> Vec<Vec<f64>> {
         let (phi, gamma) = self.held(1.0);
         let drive = |k: usize| &gamma * (0.5 * (y[k] + y.get(k + 1).unwrap_or(&y[k])));
@@ -107,7 +107,7 @@ impl Poles {
     }
 }
 
-/// Smallest size of a pole.
+/// Smallest magnitude of a pole.
 const SLOWEST: f64 = 1e-9;
 
 fn run(

@@ -1,4 +1,4 @@
-//! The method: dead times on a grid, several starts, least squares of output errors, and steps that weigh by the noise's own colour.
+//! The method: dead times on a grid, several starts, least squares of output errors, and steps weighted by the noise's own colour.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -20,30 +20,30 @@ use deadtime_signal::stats::interval95;
 use deadtime_signal::time::SampleTime;
 use statrs::function::erf::erfc;
 
-/// y(t) = Σ B_j(p)/A(p)·u_j(t − τ_j) + e/D(q), p = d/dt: A is common to all inputs, each has a B and a real-valued dead time of its own.
+/// y(t) = Σ B_j(p)/A(p)·u_j(t − τ_j) + e/D(q), p = d/dt. A is common to all inputs; each has a B and a real-valued dead time of its own.
 ///
-/// Inputs: records of one output on one even grid, inputs held between samples. Output: a₁ …, b₀ … of every input in powers of s and s⁻¹, dead times in s, each
-/// with its standard deviation and interval, and the model in continuous time.
-/// Estimate: simplified refined instrumental variables from filtered least squares at every dead time of the search; from the best of these, and from a subspace
-/// model, least squares of the output error over poles and dead times; then steps of Gauss and Newton under the autoregression of the residual. Every record has a
-/// start and a level of its own. Intervals are those of the last step's covariance.
-/// Assumes: open loop, a stable plant, `nb` ≤ `nf` (no direct path), noise that does not depend on the inputs.
+/// Inputs: records of one output on one even grid, inputs held between samples. Output: a₁ …, b₀ … of every input in powers of s and s⁻¹, and dead times in s,
+/// with standard deviations and intervals. Also the model in continuous time. Estimate: simplified refined instrumental variables start from filtered least
+/// squares at every dead time of the search. Least squares of the output error over poles and dead times continue from the best of these, and from a subspace
+/// model. Gauss-Newton steps under the autoregression of the residual follow. Every record has its own initial state and offset. Intervals come from the last
+/// step's covariance.
+/// Assumes: open loop, a stable plant, `nb` ≤ `nf` (no direct path), noise independent of the inputs.
 /// Fails when: the input is not held between samples, or depends on the output (biased); poles are much faster than the sample time.
 /// Source: Young and Jakeman (1980), doi:10.1080/00207178008961080; Garnier and Young (2014), "The advantages of directly identifying continuous-time transfer
 /// function models in practical applications", Int. J. Control 87(7), 1319-1338, doi:10.1080/00207179.2013.840053; Ljung (1999), section 10.2.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Srivc {
-    /// Poles; default 2. `order` is another name.
+    /// Poles; default 2. `order` is a synonym.
     #[serde(alias = "order")]
     pub nf: usize,
     /// Coefficients of B, for each input, at most `nf`; default 1, no zero.
     pub nb: usize,
     /// Each input's dead time, s; `None`: fitted.
     pub delay_s: Option<Vec<f64>>,
-    /// Longest dead time that is searched, samples; default 35.
+    /// Longest dead time searched, samples; default 35.
     pub max_delay: usize,
-    /// Drawn models for bands, and as many small ones for standard deviations of poles; default 200, 0: none.
+    /// Drawn models for bands, and as many small ones for standard deviations of poles; default 200; 0: none.
     pub draws: usize,
     /// Seed of the draws; default 1.
     pub seed: u64,
@@ -56,22 +56,22 @@ impl Default for Srivc {
 }
 
 const NAME: &str = "srivc";
-/// Turns over several inputs, each with the others' dead times as they are.
+/// Passes over several inputs, each with the other dead times fixed.
 const TURNS: usize = 3;
-/// Dead times whose starts are refined, and starts of the last search.
+/// Number of dead times whose starts are refined, and of starts of the last search.
 const REFINED: usize = 8;
 const STARTS: usize = 3;
-/// Minima that are weighed against each other.
+/// Number of minima in the mixture.
 const MINIMA: usize = 6;
-/// Twice the logarithm of a ratio of likelihoods beyond which noise put no minimum in the place of another.
+/// Twice the logarithm of a likelihood ratio, beyond which noise alone cannot have swapped two minima.
 const BEYOND_NOISE: f64 = 50.0;
-/// A weight of this size moves no end of an interval.
+/// A weight below this value moves no end of an interval.
 const NOTHING: f64 = 1e-3;
 /// Steps under the noise's own colour.
 const STEPS: usize = 3;
-/// Most records, or stretches between gaps.
+/// Largest number of records, or stretches between gaps.
 const STRETCHES: usize = 100;
-/// Longest part of a record from which starts are taken, samples.
+/// Longest part of a record used for starts, samples.
 const HEAD: usize = 20_000;
 
 fn failed(reason: &str) -> IdentifyError {
@@ -155,7 +155,7 @@ impl Data {
 }
 
 impl Srivc {
-    /// The dead times that were given, samples.
+    /// The given dead times, samples.
     fn checked(&self, recordings: &Recordings) -> Result<Option<Vec<f64>>, IdentifyError> {
         let refused = |option, value: f64, rule| Err(IdentifyError::Option { option, value, rule });
         if !(1..=20).contains(&self.nf) {
@@ -179,7 +179,7 @@ impl Srivc {
         Ok(Some(given.iter().map(|d| d / step_s).collect()))
     }
 
-    /// The best starts, least loss first: at the dead times given, or at whole samples of one input after the other.
+    /// The best starts, least loss first: at the given dead times, or at whole samples of one input after the other.
     fn starts(&self, data: &Data, given: Option<&[f64]>) -> Result<Vec<Point>, IdentifyError> {
         let head = data.head();
         let none = || {
@@ -228,7 +228,7 @@ impl Srivc {
         Rival::of(used, &delays, self.nf)
     }
 
-    /// The minima of the output error over poles and dead times that noise may have put in each other's place, the least first.
+    /// The minima of the output error over poles and dead times that noise may have swapped, the least first.
     fn searched(
         &self,
         data: &Data,
@@ -240,7 +240,7 @@ impl Srivc {
         if let (Some(poles), Some(first)) = (poles, starts.first()) {
             starts.push(Point { poles, delays: first.delays.clone() });
         }
-        // The slope by a dead time jumps at whole samples: the search begins on either side of each.
+        // The derivative by a dead time jumps at whole samples: the search starts on either side of each.
         let most = data.history as f64 - 1.0;
         let between = |point: &Point| {
             let late = |(d, free): (&f64, &bool)| if *free { (d + 0.5).min(most) } else { *d };
@@ -303,7 +303,7 @@ struct End {
 }
 
 impl End {
-    /// The same minimum, which another start led to.
+    /// The same minimum, reached from another start.
     fn is(&self, other: &Self) -> bool {
         let delays = self.point.delays.iter().zip(&other.point.delays);
         delays.into_iter().all(|(a, b)| (a - b).abs() < 0.05)
@@ -311,7 +311,7 @@ impl End {
     }
 }
 
-/// Which losses may be those of the truth.
+/// Losses that are compatible with the truth.
 struct Likely {
     rows: f64,
     least: f64,
@@ -342,7 +342,7 @@ impl Weighed {
         (values, self.noise.covariance.view((0, 0), (count, count)).into_owned())
     }
 
-    /// Steps of Gauss and Newton while they lower the variance of the noise.
+    /// Gauss-Newton steps while they lower the variance of the noise.
     fn of(data: &Data, point: Point, linear: Linear, free: &[bool]) -> Option<Self> {
         let lengths: Vec<usize> = data.outputs.iter().map(Vec::len).collect();
         let y = data.outputs.concat();
@@ -369,7 +369,7 @@ impl Weighed {
     }
 }
 
-/// Poles, delays, B and starts after a step; `None` where they are none.
+/// Poles, delays, B and initial states after a step; `None` for invalid ones.
 fn moved(
     data: &Data,
     point: &Point,
@@ -391,7 +391,7 @@ fn moved(
     if !point.poles.is_stable() {
         return None;
     }
-    // Levels are fitted jointly with them.
+    // Offsets are fitted jointly with them.
     let model = data.output(&point, &linear);
     let mut from = 0;
     for (y, own) in data.outputs.iter().zip(&mut linear.own) {
@@ -404,7 +404,7 @@ fn moved(
     Some((point, linear))
 }
 
-/// The model of numbers in the order of the covariance: a, delays in samples, b.
+/// The model of parameters in the order of the covariance: a, delays in samples, b.
 #[derive(Clone)]
 struct Build<'a> {
     omega: f64,
@@ -435,7 +435,7 @@ impl Build<'_> {
         (of_a, (0..self.nb).map(power).collect())
     }
 
-    /// Observer form, its time unit the search's so that entries are of like size.
+    /// Observer form, in the search's time unit so that entries are of similar size.
     fn system(&self, values: &[f64]) -> Option<StateSpace<Continuous>> {
         let (n, nb, m) = (self.n, self.nb, self.units.len());
         let omega = self.omega / self.step.seconds();
@@ -568,7 +568,7 @@ impl Srivc {
     }
 }
 
-/// The likelihood of each fit, all together 1.
+/// The likelihood of each fit, normalised to 1.
 fn weights(fits: &[Weighed]) -> Vec<f64> {
     let least = fits.first().map_or(0.0, |f| f.noise.variance).max(f64::MIN_POSITIVE);
     let likelihood = |f: &Weighed| {
@@ -579,7 +579,7 @@ fn weights(fits: &[Weighed]) -> Vec<f64> {
     all.iter().map(|w| w / total).collect()
 }
 
-/// The first fit's numbers with standard deviations and intervals of the mixture of all fits, each with its likelihood.
+/// The first fit's parameters, with standard deviations and intervals of the mixture of all fits, weighted by likelihood.
 fn mixed(fits: &[Weighed], all: Vec<Vec<Parameter>>) -> Vec<Parameter> {
     let weights = weights(fits);
     let count = weights.iter().filter(|w| **w > NOTHING).count();
@@ -595,7 +595,7 @@ fn mixed(fits: &[Weighed], all: Vec<Vec<Parameter>>) -> Vec<Parameter> {
     own
 }
 
-/// Where a mixture of normal laws (mean, standard deviation, weight) has so much of its weight below.
+/// The quantile of a mixture of normal distributions (mean, standard deviation, weight) at this share.
 fn quantile(laws: &[(f64, f64, f64)], share: f64) -> f64 {
     let below = |x: f64| {
         let of = |(v, s, w): &(f64, f64, f64)| {
@@ -613,10 +613,10 @@ fn quantile(laws: &[(f64, f64, f64)], share: f64) -> f64 {
     0.5 * (from + to)
 }
 
-/// Halvings after which a quantile is known to rounding.
+/// Bisections after which a quantile is exact to rounding.
 const HALVINGS: usize = 80;
 
-/// Every number in seconds and the channels' units.
+/// Every parameter in seconds and the channels' units.
 fn parameters(
     used: &Recordings,
     build: &Build<'_>,
@@ -671,7 +671,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::StandardNormal;
 
-    /// A plant with its numbers a₁ …, b₀ …, its dead time and sample time.
+    /// A plant with its parameters a₁ …, b₀ …, its dead time and sample time.
     struct Plant {
         a: &'static [f64],
         b: &'static [f64],
@@ -679,7 +679,7 @@ mod tests {
         ts: f64,
     }
 
-    /// Rao and Garnier's system of two resonances and a zero in the right half plane; a slow lag; a resonance; each behind dead times of no whole sample.
+    /// Rao and Garnier's system of two resonances and a zero in the right half plane; a slow lag; a resonance. All dead times are no whole samples.
     const PLANTS: [Plant; 4] = [
         Plant { a: &[5.0, 408.0, 416.0, 1600.0], b: &[-6400.0, 1600.0], delay_s: 0.0, ts: 0.01 },
         Plant { a: &[5.0, 408.0, 416.0, 1600.0], b: &[-6400.0, 1600.0], delay_s: 0.034, ts: 0.01 },
@@ -758,7 +758,7 @@ mod tests {
         }
     }
 
-    /// Sixteen records of each of four plants at 10 dB. Of a number that is inside in 95 % of all records, sixteen hold fewer than twelve in one of a thousand cases.
+    /// Sixteen records of each of four plants at 10 dB. Of sixteen 95 % intervals, fewer than twelve hold the truth in one of 1000 cases.
     #[test]
     fn intervals_hold_the_truth() {
         const RECORDS: u64 = 16;
@@ -778,7 +778,7 @@ mod tests {
         }
     }
 
-    /// Half of the weight each: the ends have all but a twentieth of one law beyond, Φ⁻¹(0.95) = 1.6449 of its standard deviations.
+    /// Half of the weight each: the ends leave 5 % of one distribution outside, Φ⁻¹(0.95) = 1.6449 of its standard deviations.
     #[test]
     fn intervals_of_two_minima_hold_both() {
         let laws = [(0.0, 1.0, 0.5), (100.0, 2.0, 0.5)];

@@ -1,4 +1,4 @@
-//! The model at given poles and dead times: what is linear in it solved, and its slopes.
+//! The model at given poles and dead times, with its linear part solved, and its derivatives.
 
 use deadtime_signal::decompositions::svd;
 use nalgebra::{DMatrix, DVector};
@@ -24,14 +24,14 @@ pub(super) struct Point {
     pub(super) delays: Vec<f64>,
 }
 
-/// What is linear: B of every input, one after the other, and of every stretch its start and its level.
+/// The linear part: B of every input, one after the other, and the initial state and offset of every stretch.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Linear {
     pub(super) b: Vec<f64>,
     pub(super) own: Vec<Vec<f64>>,
 }
 
-/// The model at a point as far as starts and levels have no say.
+/// The model at a point, with initial states and offsets projected out.
 pub(super) struct Projected {
     b: Vec<f64>,
     /// B/A u of all stretches.
@@ -47,15 +47,15 @@ pub(super) struct Solved {
     pub(super) loss: f64,
     /// y − ŷ of all stretches.
     pub(super) residual: DVector<f64>,
-    /// Orthonormal columns of every stretch's own.
+    /// Orthonormal columns of every stretch's own initial state and offset.
     own: Vec<DMatrix<f64>>,
-    /// And of all inputs' beyond them.
+    /// Orthonormal columns of all inputs, orthogonal to those.
     shared: DMatrix<f64>,
 }
 
-/// Steps of numeric slopes: of a coefficient, relative, and of a delay, samples.
+/// Steps of numeric derivatives: of a coefficient, relative, and of a delay, samples.
 const STEP: f64 = 1e-5;
-/// Columns below this share of the largest are none.
+/// Columns below this share of the largest are zero.
 const NONE: f64 = 1e-11;
 
 impl Data {
@@ -82,7 +82,7 @@ impl Data {
         all
     }
 
-    /// The start's and the level's columns of one stretch.
+    /// The columns of the initial state and the offset of one stretch.
     fn own_columns(poles: &Poles, samples: usize) -> DMatrix<f64> {
         let mut all = poles.free(samples);
         all.push(vec![1.0; samples]);
@@ -93,7 +93,7 @@ impl Data {
         self.outputs.iter().map(|y| Self::own_columns(poles, y.len())).collect()
     }
 
-    /// Columns without what each stretch's own explain.
+    /// A column minus its projection on each stretch's own columns.
     pub(super) fn beyond(&self, own: &[DMatrix<f64>], column: &[f64]) -> DVector<f64> {
         let mut all = DVector::from_column_slice(column);
         let mut from = 0;
@@ -106,12 +106,12 @@ impl Data {
         all
     }
 
-    /// Orthonormal columns of every stretch's start and level.
+    /// Orthonormal columns of every stretch's initial state and offset.
     pub(super) fn bases(&self, poles: &Poles) -> Vec<DMatrix<f64>> {
         self.own_matrices(poles).into_iter().map(|m| m.qr().q()).collect()
     }
 
-    /// B of every input beyond starts and levels, at a point; `None` where nothing decays or the columns are none.
+    /// B of every input at a point, with initial states and offsets projected out; `None` for unstable poles or zero columns.
     pub(super) fn projected(&self, point: &Point) -> Option<Projected> {
         if !point.poles.is_stable() {
             return None;
@@ -140,7 +140,7 @@ impl Data {
         Some(Projected { b, forced, loss, own, shared })
     }
 
-    /// The best linear part at a point, with the start and the level of every stretch.
+    /// The best linear part at a point, with the initial state and the offset of every stretch.
     pub(super) fn solved(&self, point: &Point) -> Option<Solved> {
         let Projected { b, forced, loss, own, shared } = self.projected(point)?;
         let y = self.outputs.concat();
@@ -171,7 +171,7 @@ impl Data {
         all
     }
 
-    /// The output's slopes by the poles' coefficients and the delays that are free.
+    /// The output's derivatives by the poles' coefficients and the free delays.
     pub(super) fn slopes(&self, point: &Point, linear: &Linear, free: &[bool]) -> Vec<Vec<f64>> {
         let between = |up: &Point, down: &Point, width: f64| {
             let (up, down) = (self.output(up, linear), self.output(down, linear));
@@ -200,7 +200,7 @@ impl Data {
         all
     }
 
-    /// Residuals and slopes without what the linear part makes up for (Kaufman's approximation).
+    /// Residuals and derivatives with the linear part projected out (Kaufman's approximation).
     ///
     /// Source: Kaufman (1975), "A variable projection method for solving separable nonlinear least squares problems", BIT 15, 49-57, doi:10.1007/BF01932995.
     pub(super) fn normal(&self, point: &Point, free: &[bool]) -> Option<Normal> {
@@ -216,7 +216,7 @@ impl Data {
         Some(Normal::new(&residual, &DMatrix::from_columns(&columns)))
     }
 
-    /// Every slope: by the poles, the delays that are free, B, and of each stretch its start.
+    /// All derivatives: by the poles, the free delays, B, and the initial state of each stretch.
     pub(super) fn all_slopes(
         &self,
         point: &Point,

@@ -1,4 +1,4 @@
-//! Where the search begins: filtered least squares at several corners, refined by instruments.
+//! Starts of the search: filtered least squares at several corners, refined by instruments.
 //!
 //! Source: Young and Jakeman (1980), "Refined instrumental variable methods of recursive time-series analysis. Part III. Extensions", Int. J. Control 31(4),
 //! 741-764, doi:10.1080/00207178008961080; Garnier, Mensler and Richard (2003), Int. J. Control 76(13), 1337-1357, doi:10.1080/0020717031000149636.
@@ -9,15 +9,15 @@ use super::filters::Poles;
 use super::point::{Data, Point};
 use crate::regression::dot;
 
-/// Corners, a factor of two apart, from the Nyquist frequency down.
+/// Corner frequencies, a factor of two apart, from the Nyquist frequency down.
 const CORNERS: i32 = 11;
 /// Rounds of refinement.
 const ROUNDS: usize = 8;
-/// A change of the coefficients that counts as none.
+/// A change of the coefficients that counts as converged.
 const SETTLED: f64 = 1e-4;
 
 impl Data {
-    /// Poles by filtered least squares at the corner of which the loss is least.
+    /// Poles by filtered least squares, at the corner frequency of least loss.
     pub(super) fn start(&self, order: usize, delays: &[f64]) -> Option<(f64, Point)> {
         let longest = self.outputs.iter().map(Vec::len).max().unwrap_or(0) as f64;
         let corners = (0..CORNERS).map(|k| std::f64::consts::PI * 0.5f64.powi(k + 1));
@@ -53,7 +53,7 @@ impl Data {
         best
     }
 
-    /// A by regression of pⁿ·y on the lower derivatives of y and on those of u, all behind the filter; with instruments in the place of y.
+    /// A by regression of pⁿ·y on the lower derivatives of y and on those of u, all filtered. With a `model` its output gives the instruments for y.
     fn regressed(&self, filter: &Poles, delays: &[f64], model: Option<&[f64]>) -> Option<Poles> {
         let n = filter.order();
         let own = self.bases(filter);

@@ -1,4 +1,4 @@
-//! What a structured fit found: values with intervals, what the data do not show, and what predicts without being physics.
+//! The result of a structured fit: values with intervals, undetermined combinations, and values that predict without being physical.
 
 use deadtime_signal::decompositions::symmetric_eigen;
 use nalgebra::{DMatrix, DVector};
@@ -16,13 +16,13 @@ use deadtime_signal::stats::{NORMAL_95, interval95};
 /// A fitted parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FreeParameter {
-    /// Its name; of the dead time of an input `delay:INPUT`.
+    /// Its name; for the dead time of an input `delay:INPUT`.
     pub name: String,
     /// Its unit.
     pub unit: Option<String>,
     /// The file's value.
     pub nominal: f64,
-    /// The value found.
+    /// The fitted value.
     pub value: f64,
     /// Its standard deviation, over clusters of windows.
     pub std: f64,
@@ -30,11 +30,11 @@ pub struct FreeParameter {
     pub interval: [f64; 2],
     /// The value from windows of one step, with its standard deviation.
     pub one_step: Option<[f64; 2]>,
-    /// Whether it can be taken for the quantity.
+    /// The interpretation of the value as the physical quantity.
     pub standing: Standing,
 }
 
-/// What was found.
+/// The result of a structured fit.
 #[derive(Debug, Clone, Serialize)]
 pub struct StructuredFit {
     /// `deadtime/structure@1`.
@@ -43,23 +43,23 @@ pub struct StructuredFit {
     pub name: String,
     /// The parameters.
     pub parameters: Vec<FreeParameter>,
-    /// What stands off by record: parameter, record, value.
+    /// Deviations by record: parameter, record, value.
     pub per_record: Vec<(String, String, f64)>,
     /// Combinations that are not identifiable.
     pub unseen: Vec<Unseen>,
-    /// Pairs that are correlated, in words.
+    /// Sentences on correlated pairs.
     pub trades: Vec<String>,
     /// Steps of a window.
     pub horizon: usize,
     /// The logs' sample time, s.
     pub sample_time_s: f64,
-    /// Runge-Kutta steps in a sample.
+    /// Runge-Kutta steps per sample.
     pub substeps: usize,
     /// Windows of the fit.
     pub windows: usize,
-    /// Clusters that the covariance rests on.
+    /// Number of clusters behind the covariance.
     pub clusters: usize,
-    /// λ, in the cost of the weighted errors.
+    /// λ, relative to the cost of the weighted errors.
     pub shrinkage: f64,
     /// The search ended at a minimum.
     pub converged: bool,
@@ -76,9 +76,9 @@ pub struct StructuredFit {
 
 /// The spread of the clusters' scores, M = (C−1)/C Σ rₖrₖᵀ, the information without the prior, N, and (N + Λ)⁻¹.
 ///
-/// rₖ = A (A − Nₖ)⁻¹ sₖ is a cluster's score with its own pull on the estimate taken back: A⁻¹rₖ is by how much the estimate moves without the cluster (one
-/// Gauss-Newton step), so that A⁻¹MA⁻¹ is the jackknife's covariance. The scores sₖ themselves are too small by what each cluster fits of itself: with 30
-/// clusters intervals of 95 % held 85 to 91 % of drawn truths.
+/// rₖ = A (A − Nₖ)⁻¹ sₖ is a cluster's score, corrected for its own influence on the estimate. A⁻¹rₖ is the estimate's change without the cluster (one
+/// Gauss-Newton step), so A⁻¹MA⁻¹ is the jackknife covariance. The uncorrected scores sₖ are too small, because each cluster fits itself. With 30 clusters,
+/// their 95 % intervals held 85 to 91 % of drawn truths.
 /// Source: MacKinnon and White (1985), doi:10.1016/0304-4076(85)90158-7; Bell and McCaffrey (2002), Survey Methodology 28(2), 169-181, for clusters.
 fn spread(
     problem: &StructuredProblem<'_>,
@@ -100,7 +100,7 @@ fn spread(
                 without[(row, problem.place(cluster.record, j))] -= normal.information[(i, j)];
             }
         }
-        // Where nothing else shows a direction, the estimate without the cluster does not exist.
+        // If only this cluster determines a direction, the estimate without it does not exist.
         if let Some(factor) = without.cholesky() {
             score = &with * factor.solve(&score);
         }
@@ -111,7 +111,7 @@ fn spread(
     (meat, bare, with.cholesky().map(|c| c.inverse()))
 }
 
-/// κ = tr((N + Λ)⁻¹ M)/tr((N + Λ)⁻¹ N): by how much errors that repeat each other spread the scores beyond the information.
+/// κ = tr((N + Λ)⁻¹ M)/tr((N + Λ)⁻¹ N): the factor by which correlated errors spread the scores beyond the information.
 fn ratio(meat: &DMatrix<f64>, bare: &DMatrix<f64>, inverse: &DMatrix<f64>) -> f64 {
     ((inverse * meat).trace() / (inverse * bare).trace().max(f64::MIN_POSITIVE))
         .max(f64::MIN_POSITIVE)
@@ -128,11 +128,11 @@ pub(super) fn dispersion(
     Some(ratio(&meat, &bare, &inverse?))
 }
 
-/// Sandwich covariance over clusters, with what the shrinkage leaves open, and the information deflated by how much errors repeat each other.
+/// Sandwich covariance over clusters, including the shrinkage's uncertainty, and the information divided by the errors' redundancy.
 ///
-/// V = A⁻¹ (M + κΛ) A⁻¹, A = N + Λ; N the information, Λ the shrinkage, M the spread of the clusters' scores ([`spread`]), κ = tr(A⁻¹M)/tr(A⁻¹N), so that
-/// a parameter that only the shrinkage holds gets the shrinkage's own spread, never a tight interval. What the logs do not resolve at all ([`RESOLVED`]) is as uncertain as
-/// the parameters are large.
+/// V = A⁻¹ (M + κΛ) A⁻¹, A = N + Λ, κ = tr(A⁻¹M)/tr(A⁻¹N). N is the information, Λ the shrinkage, M the spread of the clusters' scores ([`spread`]). A
+/// parameter determined only by the shrinkage has the shrinkage's own spread, never a narrow interval. Directions that the logs do not resolve ([`RESOLVED`])
+/// have a standard deviation of the parameters' own size.
 pub(super) fn covariance(
     problem: &StructuredProblem<'_>,
     clusters: &[Normal],
@@ -177,7 +177,7 @@ pub(super) fn answer(
     let of = |i: usize| &problem.quantities[i];
     let shared = problem.free.len();
     let values = values(problem, fitted);
-    // Below a sample a dead time is as good as none.
+    // Below one sample a dead time is indistinguishable from zero.
     let late = |i: usize| problem.delayed(i).is_some();
     let least = |i: usize| if late(i) { problem.simulator.step_s } else { 0.0 };
     let known = Known {
@@ -199,7 +199,7 @@ pub(super) fn answer(
     for other in &fitted.alike {
         for (&j, &delay_s) in delays.iter().zip(other) {
             let [value, std] = values[j];
-            // Another minimum, not this one to the tolerance of the search.
+            // Another minimum, different beyond the tolerance of the search.
             if (delay_s - value).abs() > (NORMAL_95 * std).max(problem.simulator.step_s) {
                 trades.push(format!(
                     "{} of {delay_s:.4} s fits these logs as well as {value:.4} s",
@@ -224,7 +224,7 @@ pub(super) fn answer(
             std,
             interval: [if late(i) { low.max(0.0) } else { low }, high],
             one_step,
-            // A dead time may be any, whatever the file's: moved tenfold, it is still one.
+            // A dead time may have any value: tenfold the file's, it is still a dead time.
             standing: standing(
                 if late(i) { 0.0 } else { nominal },
                 [value, std],

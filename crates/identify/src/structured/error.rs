@@ -1,6 +1,6 @@
-//! What stops a structured fit.
+//! Errors of a structured fit.
 
-/// A model, its logs or the options do not go together.
+/// The model, its logs and the options are incompatible.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StructuredError {
@@ -15,17 +15,17 @@ pub enum StructuredError {
     /// No parameter is free.
     #[error("no parameter is free: name some, or `all`")]
     NothingFree,
-    /// The model has parts that windows do not simulate.
+    /// The model has parts without a window simulation.
     #[error("the model {model} has {what}, which a fit over windows does not simulate: {remedy}")]
     Unsupported {
         /// The model's name.
         model: String,
-        /// What it has.
+        /// The unsupported part.
         what: &'static str,
-        /// What to do instead.
+        /// The remedy.
         remedy: &'static str,
     },
-    /// The horizon is no length.
+    /// An invalid horizon or stride.
     #[error(
         "a horizon of {horizon} steps with windows {stride} steps apart: both must be at least 1"
     )]
@@ -54,9 +54,9 @@ pub enum StructuredError {
     SampleTime {
         /// The log.
         file: String,
-        /// Its sample time.
+        /// Its sample time, s.
         found_s: f64,
-        /// That of the first log.
+        /// That of the first log, s.
         first_s: f64,
     },
     /// The model cannot be simulated over a window even at its nominal parameters.
@@ -66,7 +66,7 @@ pub enum StructuredError {
     Diverges {
         /// The log.
         file: String,
-        /// The window's start.
+        /// The window's start, s.
         time_s: f64,
     },
 }

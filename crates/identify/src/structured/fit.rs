@@ -19,58 +19,57 @@ use deadtime_signal::progress::HowFar;
 use deadtime_signal::stats::{self, NORMAL_95};
 use deadtime_signal::stop::Stop;
 
-/// Most Runge-Kutta steps within one sample.
+/// Largest number of Runge-Kutta steps per sample.
 pub(super) const MOST_SUBSTEPS: usize = 16;
 
-/// A finer step must change no mean error by more than this share of it.
+/// Largest relative change of a mean error by a finer step.
 pub(super) const STEP_SHARE: f64 = 1e-3;
 
-/// How far a record's own parameter may first stand off, in the parameter's size.
+/// Initial standard deviation of a record's own parameter, in the parameter's size.
 pub(super) const OWN_SIZE: f64 = 0.1;
 
-/// How much of the work is done when the windows are fitted, and when those of one step are.
+/// Progress after the fit of the windows; the windows of one step take the remainder.
 pub(super) const FITTED: f64 = 0.7;
 
 pub(super) const ONE_STEP: f64 = 0.9;
 
-/// What one set of parameters more leaves of a round.
+/// Factor on the remaining progress of a round per evaluated parameter set.
 pub(super) const LEFT: f64 = 0.8;
 
-/// How the errors of different horizons are weighed.
+/// The weighting of errors over horizons.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Balance {
-    /// Each horizon by its own size of error: none is sacrificed.
+    /// Each horizon by its own error size, so that all horizons have equal weight.
     #[default]
     Horizon,
-    /// All horizons of a group alike: long ones, with larger errors, count most.
+    /// All horizons of a group with equal weight: long ones, with larger errors, dominate.
     Group,
 }
 
-/// What is fitted, and how.
+/// The options of a structured fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Structured {
-    /// Parameters that all records share, by name; `all`: every parameter that the file does not call known, and all dead times; `delay:INPUT`: the dead
-    /// time of an input, s.
+    /// Names of parameters shared by all records. `all`: every parameter not marked as known, and all dead times; `delay:INPUT`: the dead time of an input, s.
     pub free: Vec<String>,
-    /// Parameters that may also stand off by record, with zero mean; a prediction of another log does not use what stands off.
+    /// Parameters with an additional zero-mean deviation by record; a prediction of another log does not use the deviation.
     pub per_record: Vec<String>,
     /// Steps of a window; default 50.
     pub horizon: usize,
-    /// Steps from a window's start to the next; default: the horizon.
+    /// Steps between the starts of successive windows; default: the horizon.
     pub stride: Option<usize>,
-    /// Huber's threshold in median lengths; infinite: plain squares. Default 1.345.
+    /// Huber's threshold in median lengths; infinite: squared errors. Default 1.345.
     pub threshold: f64,
-    /// How horizons are weighed.
+    /// The weighting of horizons.
     pub balance: Balance,
-    /// Size of the shrinkage towards the file's values; default: by the data. Dead times have none: 0, the usual value of a file, is no measured one.
+    /// Strength of the shrinkage towards the file's values; default: from the data. Dead times have none, because a file's usual value of 0 is no measurement.
     pub shrinkage: Option<f64>,
-    /// Fit windows of one step too, to tell physical values from surrogates; default yes.
+    /// Also fits windows of one step, to distinguish physical values from surrogates; default yes.
     pub one_step: bool,
-    /// Rounds of weighing and fitting; default 3.
+    /// Rounds of weighting and fitting; default 3.
     pub rounds: usize,
-    /// Where it is said how far the fit is.
+    /// Progress of the fit.
     pub far: HowFar,
-    /// Ends the fit before its next round.
+    /// Cancellation, checked before each round.
     pub stop: Stop,
 }
 
@@ -92,7 +91,7 @@ impl Default for Structured {
     }
 }
 
-/// A model ready to be simulated over windows.
+/// A model prepared for simulation over windows.
 pub(super) struct Prepared<'a> {
     file: &'a EquationsFile,
     equations: Equations,
@@ -100,7 +99,7 @@ pub(super) struct Prepared<'a> {
     groups: Vec<Group>,
     logged: Vec<bool>,
     quantities: Vec<Quantity>,
-    /// The input whose dead time moves each input.
+    /// For each input, the input whose dead time applies to it.
     leaders: Vec<usize>,
     step_s: f64,
 }
@@ -128,7 +127,7 @@ impl<'a> Prepared<'a> {
             }
         }
         let step_s = step_s.unwrap_or(1.0);
-        // A state starts from the log where every log has it.
+        // A state starts from the log if every log contains it.
         let logged = file
             .states
             .iter()
@@ -195,7 +194,7 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// The errors of a model as it stands.
+/// The errors of a model with its own values.
 ///
 /// # Errors
 /// As [`Structured::fit`].
@@ -215,7 +214,7 @@ pub fn score(
     Ok(super::score::score(&problem, &lengths))
 }
 
-/// Errors of the nominal model at a step so short that a shorter one changes nothing worth mentioning.
+/// Errors of the nominal model at a step that is short enough: a shorter one changes no mean error noticeably.
 pub(super) fn refined(problem: &mut StructuredProblem<'_>) -> Result<Vec<Vec<Vec<f64>>>> {
     let z = vec![0.0; problem.unknowns()];
     let diverges = |records: &[LogRecord], (record, start): (usize, usize), step_s: f64| {
@@ -250,10 +249,10 @@ pub(super) fn refined(problem: &mut StructuredProblem<'_>) -> Result<Vec<Vec<Vec
 }
 
 impl Structured {
-    /// Fits the free parameters on `logs`; prediction errors of both models are reported on them and on `held_out` logs.
+    /// Fits the free parameters on `logs`; reports prediction errors of both models on them and on `held_out` logs.
     ///
     /// # Errors
-    /// [`StructuredError`]; [`deadtime_log::LogError`] for a channel that is not there; [`deadtime_model::ModelError`] for equations that do not compile.
+    /// [`StructuredError`]; [`deadtime_log::LogError`] for a missing channel; [`deadtime_model::ModelError`] for equations that do not compile.
     pub fn fit(
         &self,
         file: &EquationsFile,
@@ -279,7 +278,7 @@ impl Structured {
             None,
         )?;
         let values = answer::values(&problem, &fitted);
-        // Starts that are estimated window by window leave a single step nothing to say.
+        // Initial states estimated per window leave a single step without information.
         let one_step = if self.one_step && self.horizon > 1 && problem.starts.states.is_empty() {
             let records =
                 prepared.records(logs, WindowLayout { horizon: 1, stride: (stride / 8).max(1) })?;
@@ -372,10 +371,10 @@ impl Structured {
         ))
     }
 
-    /// The first round from each start of the dead times: the lowest minimum, and the dead times of those that the logs do not distinguish from it.
+    /// The first round from each start of the dead times. Returns the lowest minimum, and the dead times of indistinguishable minima.
     ///
-    /// Along one direction the cost rises by κ χ² with one degree of freedom, κ the dispersion: a minimum within κ 1.96² of the lowest is as likely at 95 %.
-    /// Of such minima the one that is reached from the file's values is taken. Each dead time is scaled anew, by what was found.
+    /// Along one direction the cost rises by κ χ² with one degree of freedom, κ the dispersion. A minimum within κ 1.96² of the lowest is not rejected at 95 %.
+    /// Among such minima, the one reached from the file's values is selected. Each dead time is then rescaled by its estimate.
     fn first(
         &self,
         problem: &mut StructuredProblem<'_>,
@@ -413,14 +412,14 @@ impl Structured {
             }
             let nominal = problem.nominal(i);
             let found = nominal + size * fit.parameters[at];
-            // More than its prior.
+            // The information exceeds the prior's.
             let seen = fit.normal.information.get((at, at)).is_some_and(|n| *n > 2.0 * least);
             let new = if seen { nominal.max(found).max(step_s) } else { longest_s.max(step_s) };
             problem.free[at].1 = new;
             fit.parameters[at] = (found - nominal) / new;
             most_s = most_s.max(if seen { found } else { longest_s });
         }
-        // Half as long again and two samples: what another round may change.
+        // Half as long again plus two samples: the possible change in another round.
         let reach = (1.5 * most_s / step_s).ceil() as usize + 2;
         problem.reach(reach.min(problem.reach));
         Ok((fit, alike))
@@ -436,7 +435,7 @@ impl Structured {
         far: &HowFar,
     ) -> Fit {
         let rounds = self.rounds;
-        // Weights change with every round: only the last one needs its minimum to many digits.
+        // Weights change with every round: only the last round needs an accurate minimum.
         let tolerance = if round + 1 >= rounds { 1e-5 } else { 1e-3 };
         let [lower, upper] = problem.bounds();
         let search = LevenbergMarquardt {
@@ -458,7 +457,7 @@ impl Structured {
         })
     }
 
-    /// λ of every unknown: the shared ones alike, a record's own by how far they stand off.
+    /// λ of every unknown: equal for the shared ones; for a record's own by their deviations.
     fn prior(&self, problem: &StructuredProblem<'_>, shrinkage: f64, own_size: &[f64]) -> Vec<f64> {
         let own = own_size.iter().map(|size| 1.0 / (size * size)).collect::<Vec<_>>();
         let late = |i: usize| problem.delayed(i).is_some();
@@ -486,8 +485,8 @@ impl Structured {
     }
 }
 
-/// Each parameter's size: its own value, or, for one that is 0, what would move the predictions as far as their errors. A dead time's is a sample at least,
-/// whatever the file says: the hold that it delays is no shorter.
+/// Each parameter's size: its own value, or, for the value 0, the change that moves the predictions by their errors. The size of a dead time is at least one
+/// sample, because its hold lasts one.
 pub(super) fn sizes(problem: &mut StructuredProblem<'_>, clusters: &[Normal]) {
     let nothing = vec![0.0; problem.unknowns()];
     let normal = problem.normal(clusters, &nothing, &nothing);

@@ -1,11 +1,11 @@
-//! What can be free: the parameters of the equations, then the dead time of each input.
+//! Candidates for free parameters: the parameters of the equations, then the dead time of each input.
 
 use super::answer::FreeParameter;
 use super::error::StructuredError;
 use crate::error::Result;
 use deadtime_model::EquationsFile;
 
-/// How the dead time of an input is named.
+/// The name of the dead time of an input.
 pub(crate) fn delay_name(input: &str) -> String {
     format!("delay:{input}")
 }
@@ -35,7 +35,7 @@ pub(super) fn quantities(file: &EquationsFile) -> Vec<Quantity> {
     parameters.chain(file.inputs.iter().enumerate().map(delay)).collect()
 }
 
-/// The input whose dead time moves each input: its own, of a slope that of the input whose slope it is.
+/// For each input, the input whose dead time applies to it: its own; for a slope, that of the input whose slope it is.
 pub(super) fn leaders(file: &EquationsFile) -> Vec<usize> {
     let at = |name: &String| file.inputs.iter().position(|c| c.name == *name);
     let leader = |(i, c): (usize, &deadtime_model::Channel)| {
@@ -44,7 +44,7 @@ pub(super) fn leaders(file: &EquationsFile) -> Vec<usize> {
     file.inputs.iter().enumerate().map(leader).collect()
 }
 
-/// The named quantities; of `all` the parameters that are not known and the dead times.
+/// The named quantities; for `all` the parameters not marked as known and the dead times.
 pub(super) fn indices(
     file: &EquationsFile,
     quantities: &[Quantity],
@@ -68,7 +68,7 @@ pub(super) fn indices(
     Ok(found)
 }
 
-/// The model with what was found. An input that is another's slope keeps its distance to that input's dead time.
+/// The model with the fitted values. An input that is another's slope keeps its offset from that input's dead time.
 pub(super) fn with_values(file: &EquationsFile, found: &[FreeParameter]) -> EquationsFile {
     let mut model = file.clone();
     for (name, entry) in &mut model.parameters {

@@ -3,7 +3,7 @@
 use deadtime_model::{EquationsFile, GroupKind};
 use deadtime_signal::stats;
 
-/// Outputs that are judged together.
+/// Outputs with a common error measure.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Group {
     pub(super) name: String,
@@ -15,7 +15,7 @@ pub(super) struct Group {
 }
 
 impl Group {
-    /// The groups of a model: those its file names, then every other output by itself.
+    /// The groups of a model: those in its file, then every other output by itself.
     pub(super) fn all(file: &EquationsFile) -> Vec<Self> {
         let at = |name: &String| file.outputs.iter().position(|o| o.name == *name);
         let mut groups: Vec<Self> = file
@@ -45,7 +45,7 @@ impl Group {
         groups
     }
 
-    /// How far its outputs move in a record's rows × `outputs` samples, their standard deviations together; 1 where they stand still. NaN is a missing sample.
+    /// The combined standard deviation of its outputs in a record's rows × `outputs` samples; 1 for constant outputs. NaN is a missing sample.
     pub(super) fn spread(&self, y: &[f64], outputs: usize) -> f64 {
         let variance = |&i: &usize| {
             let seen = y.iter().skip(i).step_by(outputs).copied().filter(|v| !v.is_nan());
@@ -63,8 +63,8 @@ impl Group {
         }
     }
 
-    /// Predicted less logged, and its derivatives along `count` directions from those of the outputs (`tangents`, row by row). Whether the row has all
-    /// of the group's outputs: a missing one is NaN.
+    /// Prediction minus log, and its derivatives along `count` directions from those of the outputs (`tangents`, row by row). Returns whether the row has all
+    /// outputs of the group: a missing one is NaN.
     pub(super) fn error(
         &self,
         y: &[f64],
@@ -115,13 +115,13 @@ fn difference(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
     ]
 }
 
-/// The rotation vector of a quaternion of any length, by the shorter way, and its derivatives by the quaternion's entries.
+/// The rotation vector of a quaternion of any length, for the shorter rotation, and its derivatives by the quaternion's entries.
 fn rotation(q: [f64; 4]) -> ([f64; 3], [[f64; 4]; 3]) {
     let sign = if q[3] < 0.0 { -1.0 } else { 1.0 };
     let [x, y, z, s] = q.map(|v| v * sign);
     let v = [x, y, z];
     let n = (x * x + y * y + z * z).sqrt();
-    // Below this angle the series' next term is under rounding.
+    // Below this angle the series' next term is below rounding.
     const SMALL: f64 = 1e-5;
     let (factor, slope_n, slope_s) = if n < SMALL * s {
         (2.0 / s, 0.0, -2.0 / (s * s))

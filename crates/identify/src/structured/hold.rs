@@ -1,15 +1,15 @@
-//! Inputs that act late: the instants within a sample at which held inputs switch, and what they are between these.
+//! Delayed inputs: the instants within a sample at which held inputs switch, and their values between these.
 
 use super::record::LogRecord;
 
-/// Nearer a whole number of samples than this share of a sample, a dead time is whole: time stamps fix the sample time no closer.
+/// Within this share of a sample of a whole number, a dead time counts as whole: time stamps are no more accurate.
 const WHOLE: f64 = 1e-6;
 
 /// A dead time in samples.
 #[derive(Debug, Clone, Copy)]
 struct Late {
     whole: usize,
-    /// The remainder, 0 to 1: when within a sample the input switches.
+    /// The remainder, 0 to 1: the instant within a sample at which the input switches.
     part: f64,
 }
 
@@ -47,12 +47,12 @@ impl Hold {
         Self { late, segments }
     }
 
-    /// The stretches of a sample, in order; one where every dead time is a whole number of samples.
+    /// The stretches of a sample, in order; only one if every dead time is a whole number of samples.
     pub(super) fn segments(&self) -> &[Segment] {
         &self.segments
     }
 
-    /// The inputs from `from` on in the sample that row `row` begins. Before a record's first row they are that row's.
+    /// The inputs from `from` on in the sample that starts at row `row`. Before a record's first row they equal that row's.
     pub(super) fn inputs(&self, record: &LogRecord, row: usize, from: f64, u: &mut [f64]) {
         for (i, (to, late)) in u.iter_mut().zip(&self.late).enumerate() {
             let back = late.whole.saturating_add(usize::from(late.part > from));
@@ -60,7 +60,7 @@ impl Hold {
         }
     }
 
-    /// What input `i` was until `from`, where it switches then.
+    /// The value of input `i` until `from`, if it switches then.
     pub(super) fn before(
         &self,
         record: &LogRecord,

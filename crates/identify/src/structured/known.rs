@@ -1,4 +1,4 @@
-//! What an estimate knows of parameters and what it does not: combinations that are not identifiable, pairs that are correlated, values that are not physical.
+//! Uncertainty of an estimate: combinations that are not identifiable, pairs that are correlated, values that are not physical.
 
 use deadtime_signal::decompositions::symmetric_eigen;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
@@ -6,61 +6,61 @@ use serde::Serialize;
 
 use deadtime_signal::stats::NORMAL_95;
 
-/// One step and many steps ahead differ when their ratio is above this, or a nominal value moved by more than [`MOVED`].
+/// One-step and many-step estimates differ when their ratio is above this, or a nominal value moved by more than [`MOVED`].
 const APART: f64 = 2.0;
-/// A nominal value that moved by this factor is no longer that quantity.
+/// A nominal value that moved by this factor no longer represents that quantity.
 const MOVED: f64 = 10.0;
-/// A correlation above this is reported.
+/// A correlation above this value is reported.
 const TRADE: f64 = 0.95;
-/// A direction of which the information is below this share of the best seen one moves predictions a millionth as much: no log resolves that. Without noise every
-/// multiple of a vanishing residual would call it certain.
+/// A direction whose information is below this share of the best one moves predictions 1e-6 as much, which no log resolves. Without noise, a vanishing residual
+/// would make every such direction certain.
 pub(crate) const RESOLVED: f64 = 1e-12;
-/// Parts of a direction below this share of its largest are left out of its words.
+/// Components of a direction below this share of its largest are left out of its description.
 const PART: f64 = 0.25;
 
-/// Whether a value can be taken for the quantity that it is named after.
+/// The interpretation of a value as the named quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Standing {
-    /// One step and many steps ahead agree within a factor of two, and the nominal value has not moved tenfold.
+    /// One-step and many-step estimates agree within a factor of two, and the nominal value has not moved tenfold.
     Physical,
-    /// It predicts well but is not the physics: the two differ, or the nominal value moved tenfold.
+    /// The value predicts well without being physical: the two estimates differ, or the nominal value moved tenfold.
     Surrogate,
-    /// It was not tested: windows of one step were not fitted, or their estimates are too vague to agree or to contradict.
+    /// Not tested: windows of one step were not fitted, or their estimates are too uncertain to agree or to disagree.
     Unchecked,
-    /// It is correlated with another parameter, or its interval holds anything from nothing to twice its value.
+    /// Correlated with another parameter, or with an interval from zero to twice its value.
     Open,
-    /// The data do not fix it, and a prior keeps it at the file's value.
+    /// The data do not determine the value, and a prior keeps it at the file's.
     Held,
 }
 
 /// A combination of parameters that the data do not determine, or only vaguely.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Unseen {
-    /// The parameters and their parts in it, in shares of each one's size.
+    /// The parameters and their components in it, in shares of each one's size.
     pub parts: Vec<(String, f64)>,
-    /// Standard deviation along it: 1 is the parameters' whole size.
+    /// Standard deviation along it: 1 is the parameters' own size.
     pub std: f64,
-    /// In words.
+    /// A description.
     pub words: String,
 }
 
 /// An estimate of several parameters, each in its size.
 pub(crate) struct Known<'a> {
     pub(crate) names: Vec<&'a str>,
-    /// What a unit step of each is.
+    /// The size of a unit step of each.
     pub(crate) sizes: Vec<f64>,
     pub(crate) values: Vec<f64>,
     /// In sizes.
     pub(crate) information: DMatrix<f64>,
     /// In sizes.
     pub(crate) covariance: DMatrix<f64>,
-    /// What the estimate rests on, with its verb: "the logs do".
+    /// The basis of the estimate, with its verb: "the logs do".
     pub(crate) source: &'static str,
 }
 
 impl Known<'_> {
-    /// Directions whose standard deviation is the parameters' own size or more: the null space of the information, as far as the data are concerned.
+    /// Directions whose standard deviation is at least the parameters' own size: the null space of the information at the accuracy of the data.
     pub(crate) fn unseen(&self) -> Vec<Unseen> {
         let count = self.names.len();
         let eigen = symmetric_eigen(&self.information).unwrap_or_else(|| SymmetricEigen {
@@ -95,7 +95,7 @@ impl Known<'_> {
 
     fn words(&self, parts: &[(usize, f64)]) -> String {
         let name = |j: usize| self.names[j];
-        // A ratio or a product stays where changes relative to the values found are alike.
+        // A ratio or a product is constant where the relative changes are equal.
         let relative = |&(j, v): &(usize, f64)| v * self.sizes[j] / self.values[j];
         match parts {
             [(j, _)] => format!("{}, which {} not show", name(*j), self.source),
@@ -114,7 +114,7 @@ impl Known<'_> {
         }
     }
 
-    /// Pairs whose estimates are correlated above [`TRADE`], in words, and which parameters are in one with a wide interval.
+    /// Pairs with a correlation above [`TRADE`], in words, and the parameters of such a pair with a wide interval.
     pub(crate) fn trades(&self) -> (Vec<String>, Vec<bool>) {
         let (count, v) = (self.names.len(), &self.covariance);
         let (mut said, mut traded) = (Vec::new(), vec![false; count]);
@@ -140,13 +140,13 @@ impl Known<'_> {
     }
 }
 
-/// A value, or what it cannot be distinguished from that is no smaller than `least`.
+/// A value, or the smallest indistinguishable value that is at least `least`.
 pub(crate) fn at_least(value: f64, least: f64) -> f64 {
     if value.abs() < least { least } else { value }
 }
 
-/// Whether a value can be taken for the quantity; `lost` where it is in a combination that is not identifiable, or correlated with another. Values below
-/// `least` are alike: a dead time of a small part of a sample is none.
+/// The interpretation of a value; `lost` for a parameter in an unidentifiable combination, or correlated with another. Values below `least` are equivalent: a
+/// dead time of a small part of a sample is zero.
 pub(crate) fn standing(
     nominal: f64,
     [value, std]: [f64; 2],
@@ -156,7 +156,7 @@ pub(crate) fn standing(
 ) -> Standing {
     let value = at_least(value, least);
     let one_step = one_step.map(|[once, spread]| [at_least(once, least), spread]);
-    // An interval that holds 0 and twice the value says nothing about the quantity.
+    // An interval that holds 0 and twice the value is uninformative.
     if lost || NORMAL_95 * std >= value.abs() {
         return Standing::Open;
     }
@@ -171,7 +171,7 @@ pub(crate) fn standing(
     if moved || unlike && (once - value).abs() > NORMAL_95 * std.hypot(spread) {
         return Standing::Surrogate;
     }
-    // A one-step interval as wide as the value itself would hold nothing and twice the value too: that is no agreement.
+    // A one-step interval as wide as the value itself holds zero and twice the value, which is no agreement.
     if unlike || NORMAL_95 * spread >= value.abs() {
         Standing::Unchecked
     } else {
@@ -187,10 +187,10 @@ mod tests {
     fn a_vague_value_from_single_steps_is_no_witness() {
         let of =
             |once: f64, spread: f64| standing(0.0, [0.79, 0.13], Some([once, spread]), false, 0.0);
-        // An offset of the shipped quadrotor, from fits of real flights: 11 from single steps, known to 14, is no agreement with 0.79.
+        // An offset of the shipped quadrotor, from fits of real flights: the one-step estimate 11 ± 14 is no agreement with 0.79.
         assert_eq!(of(11.2, 7.0), Standing::Unchecked);
         assert_eq!(of(-25.6, 26.5), Standing::Unchecked);
-        // Near, but it would have been so for any value up to twice this one.
+        // The estimates are close, but would be for any value up to twice this one.
         assert_eq!(of(0.8, 0.6), Standing::Unchecked);
         assert_eq!(of(0.8, 0.2), Standing::Physical);
         assert_eq!(of(11.2, 0.5), Standing::Surrogate);

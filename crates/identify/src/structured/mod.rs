@@ -1,12 +1,13 @@
-//! Many parameters of an equations model at once, from logs: windows of H steps that each start from the log's own row.
+//! Many parameters of an equations model at once, from logs: windows of H steps, each starting from the log's own row.
 //!
 //! Equation:  θ̂ = argmin Σ_windows Σ_h Σ_groups ρ(‖e_gh(θ)‖ / σ_gh) + λ Σ_j ((θ_j − θ0_j)/s_j)²
 //!
-//! e_gh is the error of a group of outputs (attitudes: the rotation vector) h steps after a window's start, σ_gh its median length, ρ Huber's loss, θ0 the
-//! model file's values and s_j each parameter's size. Gauss-Newton with exact sensitivities; λ by leaving records (or stretches) out in turn.
+//! e_gh is the error of a group of outputs (attitudes: the rotation vector) h steps after a window's start, σ_gh its median length. ρ is Huber's loss, θ0 the
+//! model file's values and s_j each parameter's size. The solver is Gauss-Newton with exact sensitivities; cross-validation over records (or stretches) gives
+//! λ.
 //!
-//! Assumes: the log's rows are good enough as starts; noise in them makes short horizons judge the sensors rather than the model.
-//! Fails when: parameters are correlated. Then the answer names the combination that the data do not show.
+//! Assumes: the log's rows are accurate initial states; with noisy rows, short horizons evaluate the sensors instead of the model.
+//! Fails when: parameters are correlated. The result then names the undetermined combination.
 //! Source: Huber (1964), doi:10.1214/aoms/1177703732, for ρ; White (1980), doi:10.2307/1912934, for the covariance over clusters; Marquardt (1963) for the search.
 
 mod answer;

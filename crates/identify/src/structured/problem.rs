@@ -8,38 +8,38 @@ use super::record::LogRecord;
 use super::window::{Buffers, Simulator, WindowPoint};
 use deadtime_signal::fit::Normal;
 
-/// Rounds of Gauss-Newton for the starts of unlogged states within a window.
+/// Gauss-Newton rounds for the initial values of unlogged states within a window.
 const START_ROUNDS: usize = 4;
 
-/// About so many clusters of windows carry the covariance.
+/// Approximate number of window clusters behind the covariance.
 pub(super) const CLUSTERS: usize = 60;
 
-/// Sizes of the errors by group and horizon, `scale[group][horizon - 1]`, and where they stop to count as squares.
+/// Sizes of the errors by group and horizon, `scale[group][horizon - 1]`, and the limit of the quadratic loss.
 #[derive(Debug, Clone)]
 pub(super) struct Weights {
     pub(super) scale: Vec<Vec<f64>>,
     /// Huber's threshold in scales.
     pub(super) threshold: f64,
-    /// The loss's own curvature in place of the weighted squares': what a covariance needs. Beyond the threshold an error's length has none.
+    /// The loss's own curvature instead of the weighted squares': a covariance needs it. Beyond the threshold an error's length has no curvature.
     pub(super) curvature: bool,
 }
 
-/// Windows of one record that lie together: the unit of resampling for the covariance.
+/// Neighbouring windows of one record: the unit of resampling for the covariance.
 #[derive(Debug, Clone)]
 pub(super) struct Cluster {
     pub(super) record: usize,
     pub(super) starts: Vec<usize>,
 }
 
-/// States whose start is not logged and not trusted exactly.
+/// States whose initial value is neither logged nor exactly known.
 #[derive(Debug, Clone)]
 pub(super) struct Starts {
     pub(super) states: Vec<usize>,
-    /// How far the model trusts each start; infinite: not at all.
+    /// The model's standard deviation of each initial value; infinite: unknown.
     pub(super) std: Vec<f64>,
 }
 
-/// Everything about the windows that no parameter changes.
+/// The constants of the windows.
 #[derive(Debug)]
 pub(super) struct StructuredProblem<'a> {
     pub(super) simulator: Simulator<'a>,
@@ -47,11 +47,11 @@ pub(super) struct StructuredProblem<'a> {
     pub(super) clusters: Vec<Cluster>,
     pub(super) starts: Starts,
     pub(super) quantities: &'a [Quantity],
-    /// The longest dead time that may be found, in samples: no window starts before that row.
+    /// The longest dead time allowed, in samples: no window starts before that row.
     pub(super) reach: usize,
     /// Parameters of all records: index and size of a unit step.
     pub(super) free: Vec<(usize, f64)>,
-    /// Parameters that may differ from record to record.
+    /// Parameters with a deviation by record.
     pub(super) own: Vec<(usize, f64)>,
 }
 
@@ -66,7 +66,7 @@ impl StructuredProblem<'_> {
         self.quantities[i].nominal
     }
 
-    /// The input of which a quantity is the dead time.
+    /// The input of which this quantity is the dead time.
     pub(super) fn delayed(&self, i: usize) -> Option<usize> {
         i.checked_sub(self.simulator.equations.parameters().len())
     }
@@ -90,8 +90,8 @@ impl StructuredProblem<'_> {
         p
     }
 
-    /// Leaves out windows that start before row `reach`: a dead time up to so many samples then asks for no input from before a record. So that dead times
-    /// are compared on the same windows, and on half of them at least, `reach` is at most the row at which half of the windows have begun.
+    /// Excludes windows that start before row `reach`: a dead time up to that many samples then needs no input from before a record. All dead times are
+    /// compared on the same windows, at least half of them. `reach` is therefore bounded by the row at which half of the windows have begun.
     pub(super) fn reach(&mut self, reach: usize) {
         let mut starts: Vec<usize> =
             self.records.iter().flat_map(|r| r.windows.iter().copied()).collect();
@@ -115,7 +115,7 @@ impl StructuredProblem<'_> {
         bounds
     }
 
-    /// Where a cluster's directions stand among the unknowns.
+    /// The index of a cluster's direction among the unknowns.
     pub(super) fn place(&self, record: usize, direction: usize) -> usize {
         if direction < self.free.len() { direction } else { direction + record * self.own.len() }
     }
@@ -138,7 +138,8 @@ impl StructuredProblem<'_> {
         self.clusters.par_iter().map(one).collect()
     }
 
-    /// One window into `sum`, the starts of unlogged states at their best, which are returned as what is added to the model's own. `None` where it diverges.
+    /// Adds one window to `sum`, with the optimal initial values of unlogged states. Returns the deviations of these initial values from the model's own.
+    /// `None` where the window diverges.
     #[allow(clippy::too_many_arguments)]
     fn window(
         &self,
@@ -153,7 +154,7 @@ impl StructuredProblem<'_> {
         let Starts { states, std } = &self.starts;
         let mut shift = vec![0.0; states.len()];
         let shared = columns.len();
-        // Only where the log starts is the model's own start known.
+        // The model's own initial value is known only at the start of the log.
         let trusted = |s: f64| if start == 0 { s } else { f64::INFINITY };
         let mut pass = |shift: &[f64], curvature: bool, sum: &mut Sum| {
             sum.clear();
@@ -167,7 +168,7 @@ impl StructuredProblem<'_> {
             }
             finite.then_some(())
         };
-        // Steps by weighted squares: the loss's own curvature is that of no minimum while the start is far off.
+        // Steps by weighted squares: far from the minimum, the loss's own curvature is not that of the minimum.
         for _ in 0..if states.is_empty() { 0 } else { START_ROUNDS } {
             pass(&shift, false, sum)?;
             let Some(step) = sum.start_step(shared) else { break };
@@ -184,7 +185,7 @@ impl StructuredProblem<'_> {
         Some(shift)
     }
 
-    /// Plain squares, each group's errors in how far it moves in a record.
+    /// Squared errors without Huber's limit, each group's errors relative to its spread in a record.
     pub(super) fn plain_weights(&self, record: usize) -> Weights {
         let (y, outputs) =
             (&self.records[record].y, self.simulator.equations.output_variables().len());
@@ -197,7 +198,7 @@ impl StructuredProblem<'_> {
         Weights { scale, threshold: f64::INFINITY, curvature: false }
     }
 
-    /// The best starts of a window with these weights.
+    /// The best initial values of a window with these weights.
     pub(super) fn start_of(
         &self,
         record: usize,
@@ -253,7 +254,7 @@ impl StructuredProblem<'_> {
     }
 }
 
-/// Windows that lie together, about [`CLUSTERS`] of them, none over two records. Those that start before row `from` are left out.
+/// Groups of neighbouring windows, about [`CLUSTERS`] of them, each within one record. Windows that start before row `from` are excluded.
 pub(super) fn clusters(records: &[LogRecord], from: usize) -> Vec<Cluster> {
     let kept = |r: &LogRecord| {
         r.windows.iter().copied().filter(|start| *start >= from).collect::<Vec<_>>()
@@ -341,7 +342,7 @@ impl Sum {
         self.information[i * self.size + j]
     }
 
-    /// The information of the directions from `first` on, with a trace of ridge against directions that nothing shows.
+    /// The information of the directions from `first` on, with a small ridge for undetermined directions.
     fn of_starts(&self, first: usize) -> Option<nalgebra::Cholesky<f64, nalgebra::Dyn>> {
         let count = self.size - first;
         let largest =
@@ -358,7 +359,7 @@ impl Sum {
         Some(self.of_starts(first)?.solve(&right).iter().copied().collect())
     }
 
-    /// Adds a window, its own starts eliminated (Schur complement).
+    /// Adds a window, its own initial values eliminated (Schur complement).
     fn add_reduced(&mut self, window: &Self) {
         let n = self.size;
         self.cost += window.cost;

@@ -1,4 +1,4 @@
-//! Logs as rows of inputs, outputs and starts, and the windows in them.
+//! Logs as rows of inputs, outputs and initial states, and the windows in them.
 
 use super::error::StructuredError;
 use super::group::Group;
@@ -11,24 +11,24 @@ use deadtime_model::{EquationsFile, GroupKind};
 pub(super) struct LogRecord {
     pub(super) source: String,
     pub(super) start_s: f64,
-    /// Rows × inputs, as they were logged.
+    /// Rows × inputs, as logged.
     pub(super) u: Vec<f64>,
     /// Rows × outputs; NaN where missing.
     pub(super) y: Vec<f64>,
     /// Rows × states; NaN where missing or not logged.
     pub(super) x: Vec<f64>,
-    /// Where the windows start.
+    /// First rows of the windows.
     pub(super) windows: Vec<usize>,
 }
 
-/// How windows lie in a record.
+/// The arrangement of windows in a record.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WindowLayout {
     pub(super) horizon: usize,
     pub(super) stride: usize,
 }
 
-/// A log's columns in the model's order; the states that it has, by name.
+/// A log's columns in the model's order, and the names of the states that it contains.
 pub(super) fn record(
     file: &EquationsFile,
     groups: &[Group],
@@ -79,7 +79,7 @@ pub(super) fn record(
     Ok(LogRecord { source: log.source().to_owned(), start_s: log.time_s()[0], u, y, x, windows })
 }
 
-/// A logged quaternion is a rotation: rounding of its columns is no stretching.
+/// Normalises a logged quaternion: its deviation from length 1 is rounding.
 fn normalise(file: &EquationsFile, group: &Group, logged: &[bool], x: &mut [f64]) {
     let same = |&i: &usize| file.states.iter().position(|(name, _)| *name == file.outputs[i].name);
     let states: Vec<usize> = group.outputs.iter().filter_map(same).filter(|&i| logged[i]).collect();

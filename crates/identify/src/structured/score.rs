@@ -7,7 +7,8 @@ use super::problem::StructuredProblem;
 use super::window::{Buffers, WindowPoint};
 use deadtime_signal::stats;
 
-/// Mean length of a group's error over all windows, by horizon. A vector's error has the length of the difference, an attitude's the angle between the two.
+/// Mean length of a group's error over all windows, by horizon. The error of a vector is the length of the difference, that of an attitude the angle between
+/// the two.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GroupScore {
     /// The group.
@@ -22,7 +23,7 @@ pub struct GroupScore {
     pub sum: f64,
 }
 
-/// Lengths of all errors, `[group][horizon - 1]` a list over windows in order. `None` where a window diverges, with its record and start.
+/// Lengths of all errors, `[group][horizon - 1]` a list over windows in order. Where a window diverges: its record and start.
 pub(super) fn lengths(
     problem: &StructuredProblem<'_>,
     z: &[f64],

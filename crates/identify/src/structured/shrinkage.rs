@@ -1,18 +1,18 @@
-//! How strongly parameters are held to the file's values, as the data ask.
+//! The strength of the shrinkage towards the file's values, by cross-validation.
 
 use nalgebra::DVector;
 
 use super::problem::StructuredProblem;
 use deadtime_signal::fit::Normal;
 
-/// The weakest shrinkage: keeps directions that nothing shows at the file's values, and costs nothing elsewhere.
+/// The weakest shrinkage: it keeps undetermined directions at the file's values, at no cost elsewhere.
 pub(super) const WEAKEST: f64 = 1e-8;
-/// Candidates a decade.
+/// Candidates per decade.
 const A_DECADE: i32 = 2;
 
-/// The shrinkage with the least error in cross-validation, folds being records where there are three, else clusters of windows.
+/// The shrinkage with the least error in cross-validation. Folds are records if there are at least three, else clusters of windows.
 ///
-/// Each fold's fit is one Gauss-Newton step from the joint fit, its error the quadratic there: no window is simulated again.
+/// Each fold's fit is one Gauss-Newton step from the joint fit, its error the quadratic there; no window is simulated again.
 pub(super) fn by_data(
     problem: &StructuredProblem<'_>,
     clusters: &[Normal],
@@ -56,7 +56,7 @@ pub(super) fn by_data(
             }
             let mut step = -information.cholesky()?.solve(&gradient);
             if by_record {
-                // Nobody knows what stands off in a record that was not seen.
+                // The deviation of an unseen record is unknown.
                 let own = problem.own.len();
                 for i in problem.free.len() + fold * own..problem.free.len() + (fold + 1) * own {
                     step[i] = -z[i];
@@ -71,7 +71,7 @@ pub(super) fn by_data(
     scored.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(s, _)| s.max(WEAKEST))
 }
 
-/// How far records stand off: the mean square of what was found and of what is still open (an expectation-maximisation step).
+/// Standard deviation of the records' deviations: the mean square of the estimates plus their variance (an expectation-maximisation step).
 pub(super) fn own_sizes(
     problem: &StructuredProblem<'_>,
     clusters: &[Normal],

@@ -1,10 +1,10 @@
-//! Where the search for dead times starts: the cost has many minima over a dead time, and each has its own neighbourhood.
+//! Starts of the search for dead times: the cost has many minima over a dead time, each with its own neighbourhood.
 //!
-//! Equation:  profile(d) = c(d) − gᵀ (N + Λ)⁻¹ g; c, g, N the cost, gradient and information at the dead time d, g and N those of the other parameters.
+//! Equation: profile(d) = c(d) − gᵀ (N + Λ)⁻¹ g. c, g, N are the cost, gradient and information at the dead time d, g and N for the other parameters.
 //!
-//! Assumes: one Gauss-Newton step of the other parameters ranks dead times; the full fits from the best few decide.
-//! Cost: about 36 evaluations of all windows a dead time and turn, and two fits; two turns where the first one finds the lowest minimum.
-//! Fails when: the other parameters are so far off that a step from the file's values ranks wrongly. The file's dead time then stays a start.
+//! Assumes: one Gauss-Newton step of the other parameters ranks dead times; full fits from the best few decide. Cost: about 36 evaluations of all windows per
+//! dead time and pass, and two fits; two passes where the first finds the lowest minimum.
+//! Fails when: the other parameters are so far off that a step from the file's values ranks wrongly. The file's dead time then remains a start.
 //! Source: Golub and Pereyra (1973), doi:10.1137/0710036, for the profile over the other parameters.
 
 use nalgebra::{DMatrix, DVector};
@@ -15,18 +15,19 @@ use deadtime_signal::fit::Fit;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stop::Stop;
 
-/// Candidates of a grid beyond its first: as many as the estimators' search window has samples. Where the last is best, the grid doubles once, as that window does.
+/// Candidates of a grid after its first: as many as the estimators' search window has samples. Where the last is best, the grid doubles once, as that window
+/// does.
 const CANDIDATES: usize = 35;
-/// Minima of a grid that are fitted in full: the lowest, and one for what a single step of the other parameters misranks.
+/// Grid minima that are fitted in full: the lowest, and one in case a single step of the other parameters misranks.
 const MINIMA: usize = 2;
-/// Most turns of all dead times; the last one only confirms.
+/// Largest number of passes over all dead times; the last one only confirms.
 const TURNS: usize = 4;
-/// Candidates lie no farther apart than the lag at which an input's autocorrelation falls to this, so that one of them lies within half that lag of any dead
-/// time; there the correlation of the two late inputs is about (1 + ALIKE)/2, on the central peak and not on another.
+/// Candidates are spaced by at most the lag at which an input's autocorrelation falls to this value. Any dead time then has a candidate within half that lag.
+/// There the correlation of the two delayed inputs is about (1 + ALIKE)/2, on the central peak.
 const ALIKE: f64 = 0.5;
-/// Share of the work, for the word on progress alone, when the fits from the file's values and from the given ones are done.
+/// Progress after the fits from the file's values and from the given ones.
 const BEGUN: f64 = 0.1;
-/// Costs within this share of each other differ by rounding.
+/// Costs within this relative distance differ by rounding.
 const ROUNDING: f64 = 1e-9;
 
 /// The search for the starts.
@@ -39,9 +40,9 @@ pub(super) struct Search<'p, 'a> {
 }
 
 impl Search<'_, '_> {
-    /// Minima by `fit` from such starts: that of the file's values first, then those from the lowest valleys of each dead time, at the best of all others yet.
+    /// Minima by `fit` from several starts: the file's values first, then each dead time's lowest valleys, with the best other dead times so far.
     ///
-    /// Dead times are taken in turn, until a turn finds nothing lower: one of a weak input is seen only once the others are near.
+    /// Dead times alternate until a pass finds nothing lower: the dead time of a weak input becomes visible only once the others are near.
     pub(super) fn minima(
         &self,
         hint: Option<&[f64]>,
@@ -85,7 +86,7 @@ impl Search<'_, '_> {
         Ok(fits)
     }
 
-    /// Candidates of one dead time, ascending, with the profile at each; what diverges is left out.
+    /// Candidates of one dead time, ascending, with the profile at each; diverging ones are left out.
     fn grid(&self, at: usize, z: &[f64], far: &HowFar) -> Result<Vec<(f64, f64)>> {
         let (i, size) = self.problem.free[at];
         let (nominal, spacing) = (self.problem.nominal(i), spacing(self.problem, i) as f64);
@@ -135,7 +136,7 @@ impl Search<'_, '_> {
     }
 }
 
-/// The longest dead time that is looked for, in samples: what the grids reach when doubled, and the file's.
+/// The longest dead time in the search, in samples: that of the doubled grids, and the file's.
 pub(super) fn reach(problem: &StructuredProblem<'_>) -> usize {
     let of = |&(i, _): &(usize, f64)| {
         problem.delayed(i)?;
@@ -145,7 +146,7 @@ pub(super) fn reach(problem: &StructuredProblem<'_>) -> usize {
     problem.free.iter().chain(&problem.own).filter_map(of).max().unwrap_or(0)
 }
 
-/// Samples between candidates of a dead time: no more than half a window either, as an edge that a window does not hold moves nothing in it.
+/// Samples between candidates of a dead time. The spacing is at most half a window, because an edge outside a window has no effect in it.
 fn spacing(problem: &StructuredProblem<'_>, i: usize) -> usize {
     let Some(input) = problem.delayed(i) else { return 1 };
     let most = (problem.simulator.horizon / 2).max(1);
@@ -168,7 +169,7 @@ fn spacing(problem: &StructuredProblem<'_>, i: usize) -> usize {
     (1..=most).take_while(|&lag| alike(lag)).count().max(1)
 }
 
-/// The fit of the lowest cost; of equal ones, to rounding, the first.
+/// The fit of the lowest cost; the first of those equal to rounding.
 pub(super) fn lowest(fits: &[Fit]) -> usize {
     let mut best = 0;
     for (k, fit) in fits.iter().enumerate() {
@@ -179,7 +180,7 @@ pub(super) fn lowest(fits: &[Fit]) -> usize {
     best
 }
 
-/// The lowest local minima of a profile, but for that at `here`.
+/// The lowest local minima of a profile, except that at `here`.
 fn valleys(profile: Vec<(f64, f64)>, here: f64) -> Vec<f64> {
     let cost = |k: Option<usize>| k.and_then(|k| profile.get(k)).map_or(f64::INFINITY, |f| f.1);
     let valley = |&k: &usize| {

@@ -1,4 +1,4 @@
-//! Dead times from logs: on drawn systems whose dead times are known.
+//! Dead times from logs, on drawn systems with known dead times.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use super::{Standing, StructuredFit};
 use deadtime_log::{Channel, Log};
 use deadtime_model::{EquationsFile, ModelDocument};
 
-/// Steps of the reference simulation within a sample; drawn dead times are whole numbers of them, so that the reference switches exactly.
+/// Steps of the reference simulation per sample; drawn dead times are multiples of them, so that the reference switches exactly.
 const FINE: usize = 50;
 const STEP_S: f64 = 0.02;
 
@@ -84,8 +84,8 @@ fn pendulum([gain, stiffness, friction, gust]: [f64; 4]) -> impl Fn([f64; 2], &[
     }
 }
 
-/// A log of a system whose inputs are late by so many fine steps; it has run for 100 samples before, with inputs that the log does not have. The middle
-/// point rule, of its own code.
+/// A log of a system with inputs delayed by these numbers of fine steps. The system has run for 100 samples before, with inputs outside the log. The reference
+/// uses its own midpoint rule.
 fn run(
     slope: Slope<'_>,
     names: [&[&str]; 2],
@@ -190,7 +190,7 @@ fn sensitivities_to_dead_times_agree_with_differences() {
                 let [low, high] = z.map(|z| errors(&z).0);
                 for (k, (low, high)) in low.iter().zip(&high).enumerate() {
                     let (exact, by) = (slopes[k * 4 + j], (high - low) / (2.0 * step));
-                    // The difference has rounding of 1e-10 and a Runge-Kutta step's own error: its length moves with the dead time.
+                    // The difference has rounding of 1e-10 and the error of a Runge-Kutta step, whose length changes with the dead time.
                     assert!(
                         (exact - by).abs() < 2e-4 * largest,
                         "{samples:?} {substeps} {j} {k}: {exact} {by} of {largest}"
@@ -226,7 +226,7 @@ fn a_dead_time_of_part_of_a_sample_predicts_the_system_that_has_it() {
     let log = lagged(3 * FINE + 17, (300, 5, 0.0), 3);
     let mut file = model(LAG, &[seconds(3 * FINE + 17)]);
     (file.parameters[0].1.value, file.parameters[1].1.value) = (1.4, 0.3);
-    // The first windows see inputs from before the log.
+    // The first windows need inputs from before the log.
     let found = score(&file, &[log], 25, 25).unwrap();
     let late = |of: &super::GroupScore| of.mean_absolute.iter().sum::<f64>() / 25.0;
     assert!(found.iter().all(|g| late(g) < 5e-3), "{found:?}");
@@ -247,7 +247,7 @@ fn intervals_hold_dead_times_of_parts_of_samples() {
         all += 1;
         held += usize::from(p.interval[0] <= seconds(late) && seconds(late) <= p.interval[1]);
     }
-    // Of 50 intervals of 95 %, fewer than 44 hold the truth once in twenty-six times.
+    // Of 50 intervals of 95 %, fewer than 44 hold the truth in one of 26 cases.
     assert!(held >= 44, "{held} of {all}");
 }
 
@@ -321,7 +321,7 @@ fn a_constant_input_shows_no_dead_time() {
 
 #[test]
 fn one_sine_does_not_distinguish_lag_and_dead_time() {
-    // A steady sine has an amplitude and a phase: two numbers for gain, lag and dead time.
+    // A steady sine has an amplitude and a phase: two values for gain, lag and dead time.
     let (rows, omega) = (1500_u32, 2.0_f64);
     let (gain, lag, delay_s) = (1.4_f64, 0.3_f64, 0.15);
     let time: Vec<f64> = (0..rows).map(|k| f64::from(k) * STEP_S).collect();
@@ -336,7 +336,7 @@ fn one_sine_does_not_distinguish_lag_and_dead_time() {
     let channels =
         vec![Channel::new("u", None, u), Channel::new("v", None, v), Channel::new("x", None, x)];
     let logs = [Log::new("sine", time.clone(), channels).unwrap()];
-    // A window of a period from a start that is not logged no longer shows the start.
+    // A window of one period from an unlogged initial state no longer determines that state.
     let text =
         LAG.replace(r#"{ name = "v" }, "#, "").replace("v = \"v\"\nx = \"x\"\n", "x = \"x\"\n");
     let options = Structured { horizon: 160, one_step: false, ..free(&["all"]) };
@@ -385,7 +385,7 @@ fn a_slope_is_late_with_its_input() {
 
 #[test]
 fn a_dead_time_in_a_loop_is_found_where_a_reference_moves() {
-    // A lag under u = 2 (r − v), the command held; dead time of 4.3 samples.
+    // A lag under u = 2 (r − v), with a held command and a dead time of 4.3 samples.
     let (mut held, late) = (0, 4 * FINE + 15);
     for seed in 0..20 {
         let mut random = ChaCha8Rng::seed_from_u64(60 + seed);
@@ -417,13 +417,13 @@ fn a_dead_time_in_a_loop_is_found_where_a_reference_moves() {
         let options = Structured { one_step: false, ..free(&["all"]) };
         let fit = options.fit(&model(LAG, &[]), &logs, &[]).unwrap();
         let p = found(&fit, "delay:u");
-        // Noise in the rows where windows start reaches the command: a bias below a tenth of a sample.
+        // Noise in the windows' first rows reaches the command: a bias below 0.1 samples.
         held += usize::from((p.value - seconds(late)).abs() < STEP_S / 2.0);
     }
     assert_eq!(held, 20);
 }
 
-/// The shipped flight, made with a dead time of 0.13 s.
+/// The shipped flight, generated with a dead time of 0.13 s.
 #[test]
 fn the_shipped_flights_dead_time_is_found_with_all_parameters() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples");

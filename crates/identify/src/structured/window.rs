@@ -1,39 +1,39 @@
-//! One window: the model from a row of the log over the horizon, with exact sensitivities (the tangents of a Runge-Kutta step of order four).
+//! One window: the model from a row of the log over the horizon, with exact sensitivities (the tangents of a fourth-order Runge-Kutta step).
 
 use super::group::Group;
 use super::hold::Hold;
 use super::record::LogRecord;
 use deadtime_model::{Directions, Equations, Workspace};
 
-/// What all windows share.
+/// The data common to all windows.
 #[derive(Debug)]
 pub(super) struct Simulator<'a> {
     pub(super) equations: &'a Equations,
-    /// Starts that are expressions, and whose they are.
+    /// Initial values given by expressions, and their states.
     pub(super) starts: Option<&'a (Equations, Vec<usize>)>,
     pub(super) groups: &'a [Group],
-    /// Which states start from the log.
+    /// Flags of the states that start from the log.
     pub(super) logged: &'a [bool],
-    /// The input whose dead time moves each input.
+    /// For each input, the input whose dead time applies to it.
     pub(super) leaders: &'a [usize],
     pub(super) step_s: f64,
     pub(super) substeps: usize,
     pub(super) horizon: usize,
 }
 
-/// Parameters (dead times last), the directions in which they move, and how far the unlogged states' starts are moved.
+/// Parameters (dead times last), their directions of change, and the shifts of the unlogged initial states.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WindowPoint<'a> {
     pub(super) p: &'a [f64],
-    /// Which parameter each direction moves, and by how much for a unit step.
+    /// The parameter that each direction moves, and its change for a unit step.
     pub(super) columns: &'a [(usize, f64)],
-    /// States whose start is a further direction.
+    /// States whose initial value is a further direction.
     pub(super) starts: &'a [usize],
-    /// How far each of those starts from the model's `initial`.
+    /// The shift of each of those initial values from the model's `initial`.
     pub(super) shift: &'a [f64],
 }
 
-/// Memory of a walk; one for each thread at work.
+/// Work memory of a walk, one per thread.
 #[derive(Debug, Default)]
 pub(super) struct Buffers {
     workspace: Workspace,
@@ -42,7 +42,7 @@ pub(super) struct Buffers {
     s: [Vec<f64>; 2],
     k: [Vec<f64>; 4],
     dk: [Vec<f64>; 4],
-    /// Inputs as they act, and as they did until one of them switched.
+    /// The acting inputs, and those before the last switch.
     u: [Vec<f64>; 2],
     y: Vec<f64>,
     dy: Vec<f64>,
@@ -54,7 +54,7 @@ pub(super) struct Buffers {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WindowError<'a> {
     pub(super) group: usize,
-    /// From 1.
+    /// Horizon, from 1.
     pub(super) horizon: usize,
     pub(super) error: &'a [f64],
     /// Components × directions, row by row.
@@ -62,7 +62,7 @@ pub(super) struct WindowError<'a> {
 }
 
 impl Simulator<'_> {
-    /// Walks a window and shows every error there is. False where the model left the finite numbers.
+    /// Simulates a window and reports every available error. `false` where the model diverges.
     pub(super) fn walk(
         &self,
         record: &LogRecord,
@@ -84,7 +84,7 @@ impl Simulator<'_> {
                 let t = (row as f64 + segment.from) * self.step_s;
                 hold.inputs(record, row, segment.from, &mut b.u[0]);
                 self.switch(t, record, (row, segment.from), &at, &hold, count, b);
-                // No step is longer than one of a sample without a switch.
+                // No step is longer than that of a sample without a switch.
                 let steps = (self.substeps as f64 * segment.length).ceil().max(1.0);
                 let h = segment.length * self.step_s / steps;
                 for sub in 0..steps as usize {
@@ -96,7 +96,7 @@ impl Simulator<'_> {
             }
             let row = start + step;
             let directions = Directions { count, states: &b.s[0], parameters: &b.seeds };
-            // An output that sees an input sees what holds at the sample: between switches a dead time does not move it.
+            // An output with a direct input depends on the value at the sample: between switches a dead time does not move it.
             hold.inputs(record, row, 0.0, &mut b.u[0]);
             self.equations.outputs_along(
                 row as f64 * self.step_s,
@@ -123,7 +123,7 @@ impl Simulator<'_> {
         true
     }
 
-    /// Buffers of the right sizes, zero but for the parameters' directions.
+    /// Buffers of the right sizes, zero except for the parameters' directions.
     fn clear(&self, at: &WindowPoint<'_>, count: usize, b: &mut Buffers) {
         let (n, outputs) =
             (self.equations.state_variables().len(), self.equations.output_variables().len());
@@ -186,8 +186,8 @@ impl Simulator<'_> {
         }
     }
 
-    /// What the dead times of inputs that switch here do to the sensitivities: with a dead time longer by δ, the input before acts δ longer, and the
-    /// states move by δ (f(x, u before) − f(x, u after)).
+    /// The effect of switching inputs' dead times on the sensitivities. With a dead time longer by δ, the earlier input acts δ longer; the states move by δ
+    /// (f(x, u before) − f(x, u after)).
     ///
     /// Source: Rozenvasser (1967), General sensitivity equations of discontinuous systems, Automation and Remote Control 28, 400-404.
     #[allow(clippy::too_many_arguments)]
@@ -223,7 +223,7 @@ impl Simulator<'_> {
         }
     }
 
-    /// One step of the classical method for states and sensitivities at once.
+    /// One classical Runge-Kutta step for states and sensitivities together.
     fn runge_kutta(&self, t: f64, h: f64, p: &[f64], count: usize, b: &mut Buffers) {
         let Buffers { workspace, seeds, x, s, k, dk, u: [u, _], .. } = b;
         let [x0, x1] = x;

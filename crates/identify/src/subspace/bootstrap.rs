@@ -1,4 +1,4 @@
-//! Records as they might have been: blocks of rows of the regressions, drawn with replacement.
+//! Block bootstrap: blocks of the regressions' rows, drawn with replacement.
 
 use faer::Mat;
 use rand::RngExt;
@@ -7,10 +7,10 @@ use rand_chacha::rand_core::SeedableRng;
 
 use super::recordings::{Factor, Layout, Recordings, Scales, triangle};
 
-/// Blocks that do not overlap, of which each replicate draws as many as there are.
+/// Blocks without overlap; each replicate draws as many as there are.
 ///
-/// A row holds an output with all of its past, so that only what errors have in common beyond the past is cut at the edges of a block.
-/// Assumes: errors whose correlation length is shorter than a block, a process that stays the same. Fails when: there are few blocks; then intervals are too narrow.
+/// A row contains an output with its whole past, so block edges cut only the correlation of errors beyond the past.
+/// Assumes: errors with a correlation length below a block, a stationary process. Fails when: there are few blocks: intervals are then too narrow.
 /// Source: Carlstein (1986), Ann. Stat. 14(3), 1171-1179, doi:10.1214/aos/1176350057; Lahiri (2003), "Resampling Methods for Dependent Data",
 /// doi:10.1007/978-1-4757-3803-2.
 pub(super) struct Blocks {
@@ -25,13 +25,13 @@ pub(super) struct Blocks {
 
 /// Shortest block, rows.
 const SHORTEST: usize = 20;
-/// Blocks at least where records carry them.
+/// Minimum number of blocks where records allow it.
 const FEWEST: usize = 20;
-/// Streams of random numbers that no other draw of the same seed uses.
+/// Streams of random numbers reserved for these draws of a seed.
 const STREAM: u64 = 1 << 32;
 
 impl Blocks {
-    /// Blocks twice as long as the longest of the pasts, which are cut alike for all of them.
+    /// Blocks of twice the longest past, with equal cuts for all pasts.
     pub(super) fn of(recordings: &Recordings, pasts: &[usize], scales: &Scales, seed: u64) -> Self {
         let first = pasts.iter().copied().max().unwrap_or(1);
         let rows = recordings.rows(first);
@@ -51,7 +51,7 @@ impl Blocks {
         Self { layouts, blocks, ranges: recordings.ranges(first, length), rows, seed }
     }
 
-    /// The factor for each past of one replicate, and the weight of each sample; none without blocks.
+    /// The factor for each past of one replicate, and the weight of each sample; empty without blocks.
     pub(super) fn replicate(&self, number: usize) -> (Vec<Factor>, Vec<Vec<f64>>) {
         let count = self.blocks.len();
         if count == 0 {
@@ -73,7 +73,7 @@ impl Blocks {
         (self.layouts.iter().enumerate().map(one).collect(), self.weights(&drawn))
     }
 
-    /// By stretch and sample, the root of how often its block was drawn; 1 before the first block.
+    /// By stretch and sample, the root of its block's number of draws; 1 before the first block.
     fn weights(&self, drawn: &[usize]) -> Vec<Vec<f64>> {
         let stretches = self.ranges.iter().map(|(s, ..)| s + 1).max().unwrap_or(0);
         let mut weights = vec![Vec::new(); stretches];

@@ -1,4 +1,4 @@
-//! A method of subspace identification, and the model that it finds.
+//! A method of subspace identification, and the identified model.
 
 use super::bootstrap::Blocks;
 use super::innovations::{Direct, InnovationsModel};
@@ -29,7 +29,7 @@ pub trait Identifier: Send + Sync {
     /// The model, in the records' own units.
     ///
     /// # Errors
-    /// [`IdentifyError`]: too few rows, inputs that are constant, collinear or not rich, an order that the window cannot show.
+    /// [`IdentifyError`] for too few rows, inputs that are constant, collinear or excite too little, an order that the window cannot resolve.
     fn identify(&self, recordings: &Recordings, far: &HowFar) -> Result<Identified, IdentifyError>;
 }
 
@@ -37,11 +37,11 @@ pub trait Identifier: Send + Sync {
 pub struct IdentifierLine {
     /// Name, summary, options.
     pub entry: Entry<dyn Identifier>,
-    /// What the data must be like.
+    /// The requirements on the data.
     pub needs: &'static str,
-    /// It finds the dead times itself, so that none are removed first.
+    /// The method estimates the dead times itself, so none are removed first.
     pub finds_delays: bool,
-    /// It is biased where the inputs depend on the outputs.
+    /// The method is biased where the inputs depend on the outputs.
     pub open_loop: bool,
 }
 
@@ -85,16 +85,16 @@ pub const MOESP: IdentifierLine = IdentifierLine {
 pub struct Settings {
     /// States; `None`: chosen by Schwarz's criterion among 1 to `max_order`.
     pub order: Option<usize>,
-    /// Samples of the past that predict; `None`: half as many again as Akaike's criterion of the long predictor asks for, at most 60. It must outlast the
-    /// predictor's memory: what is cut off is a bias that no interval shows.
+    /// Past samples in the predictor; `None`: 1.5 times the number from Akaike's criterion of the long predictor, at most 60. The window must exceed the
+    /// predictor's memory: truncation is a bias outside every interval.
     pub past: Option<usize>,
-    /// Most states that are tried; default 12.
+    /// Largest number of states tested; default 12.
     pub max_order: usize,
-    /// Whether inputs act within the sample; default not.
+    /// Whether inputs act within the sample; default no.
     pub direct: Direct,
-    /// Drawn models for bands, and as many small ones for standard deviations; default 200, 0: none.
+    /// Drawn models for bands, and as many small ones for standard deviations; default 200; 0: none.
     pub draws: usize,
-    /// Replicates of a block bootstrap in place of the draws; default 0: none. It is what N4SID and MOESP have; at least 50 are wanted for bands.
+    /// Replicates of a block bootstrap instead of the draws; default 0: none. N4SID and MOESP use it; bands need at least 50.
     pub bootstrap: usize,
     /// Seed of the draws; default 1.
     pub seed: u64,
@@ -116,11 +116,12 @@ impl Default for Settings {
 
 /// Predictor-based subspace identification (PBSIDopt).
 ///
-/// A long predictor (ARX with exogenous inputs, `past` samples) gives C(A − KC)ʲ[B K]; with them the future outputs' predictions, whose singular value
-/// decomposition (weighted by the innovations' covariance) is observability matrix times states; A, B, C, D and K by regression. All inside one triangular
-/// factor of the lagged data.
-/// Assumes: past inputs and past noise are what the outputs depend on; consistent also under feedback, for stable and unstable plants.
-/// Fails when: the past is shorter than the predictor's memory (a bias), the inputs are not rich, or there are fewer rows than thrice the parameters.
+/// A long predictor (ARX with exogenous inputs, `past` samples) gives C(A − KC)ʲ[B K], and with them the predictions of future outputs. The singular value
+/// decomposition of the predictions (weighted by the innovations' covariance) is observability matrix times states. Regressions give A, B, C, D and K. All
+/// steps use one triangular factor of the lagged data.
+/// Assumes: the outputs depend on past inputs and past noise; consistent also under feedback, for stable and unstable plants.
+/// Fails when: the past is shorter than the predictor's memory (a bias), or the inputs excite too little. At least three times as many rows as parameters are
+/// required.
 /// Source: Chiuso (2007), Automatica 43(6), 1034-1048, doi:10.1016/j.automatica.2006.12.005; Houtzager, van Wingerden and Verhaegen (2009), "VARMAX-based
 /// closed-loop subspace model identification", doi:10.1109/CDC.2009.5400695; van der Veen et al. (2013), doi:10.1049/iet-cta.2012.0653.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -136,8 +137,8 @@ pub struct N4sid(pub Settings);
 
 /// Subspace identification by orthogonal projection with past inputs and outputs as instruments (PO-MOESP).
 ///
-/// A and C by the shift of the observability matrix, B and D by least squares of a free run, of an observer's run where A does not decay. Inputs of few lines suffice
-/// for these; K needs states, and with them richer inputs.
+/// The shift of the observability matrix gives A and C. Least squares of a free run give B and D, or of an observer's run where A does not decay. For these,
+/// inputs of few lines suffice; K needs states, and with them richer inputs.
 /// Source: Verhaegen (1994), Automatica 30(1), 61-74, doi:10.1016/0005-1098(94)90229-1.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(transparent)]
@@ -161,7 +162,7 @@ impl Identifier for Moesp {
     }
 }
 
-/// A model from data, with what it was made of.
+/// An identified model, with its data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identified {
     /// The method.
@@ -174,38 +175,38 @@ pub struct Identified {
     pub outputs: Vec<Named>,
     /// The model, of deviations from the operating point.
     pub model: InnovationsModel,
-    /// Operating point, and standard deviations of the data that it was made of.
+    /// Operating point, and standard deviations of the data.
     pub scales: Scales,
     /// The past window, samples.
     pub past: usize,
-    /// Samples that had all of their past.
+    /// Samples with a complete past.
     pub rows: usize,
     /// The order.
     pub order: OrderChoice,
     /// Covariance of the innovations, in the outputs' units.
     pub innovations: DMatrix<f64>,
-    /// Drawn models; empty where the method gives none.
+    /// Drawn models; empty for a method without draws.
     pub draws: Draws,
-    /// What a user should know.
+    /// Notes for the reader.
     pub notes: Vec<String>,
     /// The parameters of a given structure; absent for a model of states alone.
     pub parametric: Option<Parametric>,
 }
 
-/// How much of the work is done when the past window is chosen, when the states are found, and when the orders are tried.
+/// Progress after the choice of the past window; the states and the orders follow.
 pub(super) const PAST: f64 = 0.3;
 
 pub(super) const STATES: f64 = 0.5;
 
 pub(super) const ORDERS: f64 = 0.7;
 
-/// Size of the small draws, of a whole one.
+/// Size of the small draws relative to a whole one.
 pub(super) const STEP: f64 = 1e-3;
 
-/// Longest past window that is taken unasked.
+/// Longest default past window.
 pub(super) const LONGEST: usize = 60;
 
-/// Akaike's criterion weighs what is cut off against noise; a bias weighs more than its share of the one-step error.
+/// Factor on Akaike's window: the criterion balances truncation against noise in the one-step error, but a bias is worse than its share of that error.
 pub(super) const BEYOND_AKAIKE: f64 = 1.5;
 
 impl Settings {
@@ -224,7 +225,7 @@ impl Settings {
         Ok(())
     }
 
-    /// Samples of the past window: as asked for, or by Akaike's criterion as far as the rows carry it.
+    /// Samples of the past window: as requested, or by Akaike's criterion as far as the rows allow.
     fn past_window(
         &self,
         weight: Option<Weight>,
@@ -258,7 +259,7 @@ impl Settings {
     /// The regression on the past, and the orders to which each input excites it.
     ///
     /// # Errors
-    /// [`IdentifyError`]: an order beyond the window, inputs that are not rich enough, a regression that explains nothing.
+    /// [`IdentifyError`] for an order beyond the window, inputs that excite too little, a regression without explanatory power.
     fn search<'r>(
         &self,
         method: &'static str,
@@ -339,7 +340,7 @@ impl Settings {
         })
     }
 
-    /// The order: as given, by Schwarz's criterion, or by free runs of held-out data where these reject that one.
+    /// The order: as given, by Schwarz's criterion, or by free runs of held-out data if these reject the latter.
     fn chosen(&self, search: &Search, recordings: &Recordings, far: &HowFar) -> OrderChoice {
         let Way { weight, past, .. } = search.way;
         let (m, l) = (recordings.inputs.len(), recordings.outputs.len());
@@ -374,7 +375,7 @@ impl Settings {
         let draw = |i: usize, size: f64| {
             let change = predictor.change(&self.normal(i, predictor, factor.layout.l)) * size;
             let theta = &predictor.theta + &change;
-            // What would have been measured: the same innovations on another predictor.
+            // The outputs of the same innovations with another predictor.
             let y = &y + factor.r.columns(0, change.nrows()) * &change;
             let predictions = pbsidopt::predictions(&theta, factor, factor.layout.past);
             innovations::of_states(factor, &y, &states.map(&predictions, order), self.direct)
@@ -433,14 +434,13 @@ impl Settings {
     }
 }
 
-/// Rows wanted: thrice the regressors of one output; projections look as far ahead as back.
+/// Required rows: three times the regressors of one output; projections look as far ahead as back.
 fn needed(weight: Option<Weight>, past: usize, (m, l): (usize, usize)) -> usize {
     let double = if weight.is_some() { 2 } else { 1 };
     3 * (double * past * (m + l) + m)
 }
 
-/// The first input that is excited at fewer than `needed` lags (of a window of `past`), and at how
-/// many.
+/// The first input excited at fewer than `needed` lags (of a window of `past`), and their number.
 fn poor(
     recordings: &Recordings,
     orders: &[usize],
@@ -451,7 +451,7 @@ fn poor(
     Some((recordings.inputs[at].name.clone(), orders[at]))
 }
 
-/// The first input of which the noise leaves part of the past window undetermined.
+/// The first input for which the noise leaves part of the past window undetermined.
 fn undetermined(recordings: &Recordings, predictor: &Predictor, factor: &Factor) -> Option<String> {
     let past = factor.layout.past;
     let known = predictor.determined(factor.layout);
@@ -462,7 +462,7 @@ fn undetermined(recordings: &Recordings, predictor: &Predictor, factor: &Factor)
     ))
 }
 
-/// What a user should know of a subspace model.
+/// Notes on a subspace model.
 fn notes(
     method: &str,
     weight: Option<Weight>,
@@ -491,7 +491,7 @@ impl Identified {
         uncertainty::system(&self.model, self.sample_time, delays)
     }
 
-    /// Independent deviations of A, B, C and D of one standard deviation each, row by row, A first; empty where the method gives no uncertainty.
+    /// Independent deviations of A, B, C and D of one standard deviation each, in row-major order, A first; empty for a method without uncertainty.
     #[must_use]
     pub fn deviations(&self) -> Vec<Vec<f64>> {
         uncertainty::deviations(&self.model, &self.draws)
@@ -508,7 +508,7 @@ impl Identified {
         uncertainty::roots(&of(&self.model), &drawn, self.draws.step, self.sample_time)
     }
 
-    /// The invariant zeros, with standard deviations from the draws where their number does not change.
+    /// The invariant zeros, with standard deviations from the draws if their number is constant.
     #[must_use]
     pub fn zeros(&self) -> Vec<Root> {
         let none = vec![0; self.inputs.len()];
@@ -539,12 +539,12 @@ impl Identified {
         Ok(responses)
     }
 
-    /// How the model does on records of the same channels (inputs behind the same delays).
+    /// The fit of the model to records of the same channels (inputs behind the same delays).
     #[must_use]
     pub fn check(&self, recordings: &Recordings) -> Vec<OutputCheck> {
         let centred: Vec<Stretch> =
             recordings.stretches.iter().map(|s| self.scales.centred(s)).collect();
-        // An integrator runs freely too: its start is estimated.
+        // An integrator has a free run, too: its initial state is estimated.
         let edge = if self.parametric.is_some() { 1.0 + 1e-9 } else { 1.0 };
         let runs = self.poles().iter().all(|p| p.re.hypot(p.im) < edge);
         let noise = self.parametric.as_ref().map(|p| p.noise.as_slice());
@@ -557,7 +557,7 @@ impl Identified {
         )
     }
 
-    /// The model file: sampled, or the continuous model behind a zero-order hold; always the continuous one where the structure is that.
+    /// The model file: sampled, or the continuous model behind a zero-order hold; always continuous for a continuous structure.
     ///
     /// # Errors
     /// [`ModelError::NoLogarithm`] where a sampled pole has no continuous counterpart, [`ModelError::Count`].

@@ -1,4 +1,4 @@
-//! Models in innovations form of several inputs and outputs, and how they follow from states that are known combinations of the past.
+//! Models in innovations form of several inputs and outputs, and their regression on states that are known combinations of the past.
 
 use deadtime_model::dlqr;
 use nalgebra::{DMatrix, DVector};
@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use super::recordings::{Factor, Scales, Stretch};
 use super::single::{join, solve};
 
-/// x(t+1) = A x + B u + K e, y = C x + D u + e; deviations from the operating point, in the channels' units.
+/// x(t+1) = A x + B u + K e, y = C x + D u + e. All signals are deviations from the operating point, in the channels' units.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InnovationsModel {
     /// n×n.
@@ -42,7 +42,7 @@ impl InnovationsModel {
         self.without_start(&(&self.a - &self.k * &self.c), e)
     }
 
-    /// The errors less the response C·Fᵗ·x₀ that explains most of them; as they are where F does not decay.
+    /// The errors minus the best-fitting response C·Fᵗ·x₀; unchanged where F does not decay.
     fn without_start(&self, f: &DMatrix<f64>, mut errors: DMatrix<f64>) -> DMatrix<f64> {
         let (n, l) = (self.order(), self.c.nrows());
         let seen = errors.ncols().min(SETTLING);
@@ -80,7 +80,7 @@ impl InnovationsModel {
         &s.y - self.without_start(&self.a, errors)
     }
 
-    /// Every entry is a number.
+    /// Every entry is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         [&self.a, &self.b, &self.c, &self.d, &self.k]
@@ -88,8 +88,8 @@ impl InnovationsModel {
             .all(|m| m.iter().all(|v| v.is_finite()))
     }
 
-    /// The same model with a predictor whose transients decay: where A − KC does not decay, K is the gain of Kalman's filter for the covariances of the
-    /// residuals. `states` and `outputs` are residuals of x(t+1) and y(t), `y` the outputs.
+    /// The same model with a decaying predictor. Where A − KC does not decay, K becomes the Kalman gain for the covariances of the residuals. `states` and
+    /// `outputs` are residuals of x(t+1) and y(t), `y` the outputs.
     ///
     /// Source: Van Overschee and De Moor (1996), "Subspace Identification for Linear Systems", section 4.5, doi:10.1007/978-1-4613-0465-4.
     fn with_stable_predictor(
@@ -108,7 +108,7 @@ impl InnovationsModel {
         self
     }
 
-    /// The gain of Kalman's filter for noises of states and outputs of the covariances Q, R and S, up to a factor; 0 where there is none. `y`: the outputs.
+    /// The Kalman gain for state and output noises of the covariances Q, R and S, up to a factor. 0 where none exists. `y`: the outputs.
     pub(super) fn kalman(
         &self,
         q: &DMatrix<f64>,
@@ -149,10 +149,10 @@ impl InnovationsModel {
 
 /// Variance of rounding, relative to that of what is rounded.
 const ROUNDING: f64 = 1e-20;
-/// Squarings after which a matrix decays or does not: 2⁴⁰ samples.
+/// Squarings that decide whether a matrix decays: 2⁴⁰ samples.
 const SQUARINGS: usize = 40;
 
-/// The powers of a matrix go to 0.
+/// The powers of a matrix converge to 0.
 pub(super) fn decays(m: &DMatrix<f64>) -> bool {
     let mut power = m.clone();
     for _ in 0..SQUARINGS {
@@ -167,7 +167,7 @@ pub(super) fn decays(m: &DMatrix<f64>) -> bool {
     false
 }
 
-/// Samples that the start of a free run is estimated from.
+/// Samples that estimate the initial state of a free run.
 const SETTLING: usize = 2000;
 
 pub(super) fn column_norms(m: &DMatrix<f64>) -> Vec<f64> {
@@ -179,16 +179,16 @@ pub(super) fn column_norms(m: &DMatrix<f64>) -> Vec<f64> {
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 pub enum Direct {
-    /// D = 0: right for sampled plants behind a hold, and needed where a controller answers within the sample.
+    /// D = 0: correct for sampled plants behind a hold, and required where a controller reacts within the sample.
     #[default]
     None,
-    /// D is estimated; wants an input that does not depend on the output of the same sample.
+    /// D is estimated; requires an input independent of the output of the same sample.
     Free,
 }
 
-/// The model whose states are `map` times the past: x(t) = map·[z(t−1); …; z(t−p)]. Its residuals y − Cx − Du, in the rows of the factor, come with it.
+/// The model whose states are `map` times the past: x(t) = map·[z(t−1); …; z(t−p)]. The residuals y − Cx − Du, in the rows of the factor, are also returned.
 ///
-/// C and D by regression of y(t) on x(t) and u(t), then A, B and K by regression of x(t+1) on x(t), u(t) and the residuals.
+/// C and D by regression of y(t) on x(t) and u(t). A, B and K by regression of x(t+1) on x(t), u(t) and the residuals.
 /// Source: van der Veen et al. (2013), doi:10.1049/iet-cta.2012.0653, section 4.
 pub(super) fn of_states(
     factor: &Factor,
@@ -204,7 +204,7 @@ pub(super) fn of_states(
     let (of_output, e) = solve(&seen, y, &column_norms(&seen));
     let moved = join(&join(&x, &u), &e);
     let mut norms = column_norms(&moved);
-    // Residuals of rounding size are none.
+    // Residuals of rounding size are zero.
     for (norm, column) in norms[n + m..].iter_mut().zip(y.column_iter()) {
         *norm = column.norm();
     }

@@ -1,6 +1,6 @@
-//! State-space models from records of several inputs and outputs: one file a method, one line each in `IDENTIFIERS` of the layer that searches for delays.
+//! State-space models from records of several inputs and outputs: one file per method, one line each in `IDENTIFIERS` of the crate that searches for delays.
 //!
-//! Every method finds states as combinations of the past. A, B, C, D and K follow by two regressions (`innovations`), or by shifts and a free run (`moesp`).
+//! Every method computes states as combinations of the past. A, B, C, D and K follow by two regressions (`innovations`), or by shifts and a free run (`moesp`).
 
 mod bootstrap;
 pub(crate) mod identifier;

@@ -1,7 +1,7 @@
 //! MOESP's realisation: A and C by the shift of the observability matrix, B and D by least squares of a free run.
 //!
-//! How it can be wrong: a plant that is not stable has no free run over a record (an observer's run takes its place), an input that depends on the output (bias),
-//! and states that an input of few lines leaves undetermined: A, C, B and D do not use them, K does.
+//! How it can be wrong: an unstable plant has no free run over a record, so an observer's run replaces it. An input that depends on the output gives a bias. An
+//! input of few lines leaves states undetermined: K uses them, A, C, B and D do not.
 
 use faer::Mat;
 use nalgebra::{DMatrix, DVector};
@@ -11,10 +11,10 @@ use super::offset::Constants;
 use super::recordings::{Factor, Stretch, triangle};
 use super::single::{join, solve};
 
-/// Rows of the free run that are held at once.
+/// Rows of the free run in memory at a time.
 const BLOCK: usize = 4096;
 
-/// The observability matrix, (horizon·l) × n: the predictions regressed on the states, over a past whose triangular factor is `right`.
+/// The observability matrix, (horizon·l) × n: the predictions regressed on the states, over a past with the triangular factor `right`.
 pub(super) fn observability(
     predictions: &DMatrix<f64>,
     right: &DMatrix<f64>,
@@ -25,8 +25,8 @@ pub(super) fn observability(
     solve(&states, &seen, &column_norms(&states)).0.transpose()
 }
 
-/// The model with this observability matrix and the constants of its regressions; `stretches` are scaled, `noise` is a lower triangular root of
-/// the innovations' covariance, and `weight` is that of a sample of a stretch.
+/// The model with this observability matrix and the constants of its regressions. `stretches` are scaled, `noise` is a lower triangular root of the
+/// innovations' covariance, `weight` is the weight of a sample of a stretch.
 ///
 /// Source: Verhaegen (1994), Automatica 30(1), 61-74, doi:10.1016/0005-1098(94)90229-1, section 5; B and D as in section 4 of Verhaegen and Dewilde (1992),
 /// Int. J. Control 56(5), 1187-1210, doi:10.1080/00207179208934363.
@@ -66,7 +66,7 @@ fn shifted(gamma: &DMatrix<f64>, whitens: &DMatrix<f64>) -> (DMatrix<f64>, DMatr
     (a, gamma.rows(0, l).into_owned())
 }
 
-/// Kalman's gain for the covariances of what A and C leave of states and outputs, given the inputs.
+/// The Kalman gain for the covariances of the residuals of A and C in states and outputs, given the inputs.
 fn gain(
     (factor, y): (&Factor, &DMatrix<f64>),
     map: &DMatrix<f64>,
@@ -89,12 +89,12 @@ fn gain(
     model.kalman(&states.tr_mul(&states), &outputs.tr_mul(&outputs), &states.tr_mul(&outputs), y)
 }
 
-/// A run of x(t+1) = (A − LC) x + (B − LD) u + L y, which is linear in B, D, constants and initial states.
+/// A run of x(t+1) = (A − LC) x + (B − LD) u + L y. The run is linear in B, D, constants and initial states.
 struct Run {
     model: InnovationsModel,
     /// L: 0 for a free run.
     observer: DMatrix<f64>,
-    /// The inverse root of the innovations' covariance: outputs count by their noise.
+    /// The inverse root of the innovations' covariance: the weight of the outputs.
     whitens: DMatrix<f64>,
     direct: Direct,
 }
@@ -136,7 +136,7 @@ impl Run {
         (self.model, Constants { moves, reads })
     }
 
-    /// The triangular factor of a stretch's equations behind its initial state: constants of outputs, D, B, constants of states, outputs.
+    /// The triangular factor of a stretch's equations after its initial state: constants of outputs, D, B, constants of states, outputs.
     fn part(&self, s: &Stretch, weight: &dyn Fn(usize) -> f64) -> DMatrix<f64> {
         let (n, m, l) = (self.model.order(), self.model.b.ncols(), self.model.c.nrows());
         let f = &self.model.a - &self.observer * &self.model.c;
@@ -187,7 +187,7 @@ impl Run {
     }
 }
 
-/// What the states and inputs leave of the outputs, rows × l: one-step errors of the model, the first `skip` samples of every stretch left out.
+/// The one-step errors of the model given states and inputs, rows × l, without the first `skip` samples of every stretch.
 pub(super) fn residuals(model: &InnovationsModel, scaled: &[Stretch], skip: usize) -> DMatrix<f64> {
     let late = scaled.iter().filter(|s| s.len() > skip).map(|s| {
         let e = model.innovations(s);

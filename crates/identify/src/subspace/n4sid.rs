@@ -7,18 +7,18 @@ use super::innovations::column_norms;
 use super::recordings::{Factor, Layout};
 use super::single::solve;
 
-/// Which directions of the past count.
+/// The directions of the past in use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Weight {
     /// All of the past: N4SID.
     Past,
-    /// What of it future inputs do not repeat: MOESP with past inputs and outputs as instruments.
+    /// The part of the past orthogonal to future inputs: MOESP with past inputs and outputs as instruments.
     PastBesideInputs,
 }
 
-/// The part of `horizon` = past future outputs that the past explains given the future inputs: (past·l) × past window; and the right factor of its weight.
+/// The part of `horizon` = past future outputs explained by the past given the future inputs: (past·l) × past window. Also the right factor of its weight.
 ///
-/// From the factor of twice the past: of the row at t, the instant t − past has lags past+1 … 2·past as its past and 1 … past as its future.
+/// From the factor of twice the past. For the row at t, the instant t − past has lags past+1 … 2·past as its past and 1 … past as its future.
 pub(super) fn oblique(double: &Factor, weight: Weight) -> (DMatrix<f64>, DMatrix<f64>) {
     let Layout { m, l, past } = double.layout;
     let (width, s) = (m + l, past / 2);
@@ -43,7 +43,7 @@ pub(super) fn oblique(double: &Factor, weight: Weight) -> (DMatrix<f64>, DMatrix
             }
         })
     };
-    // Behind the inputs: past and outputs without what the inputs explain.
+    // Behind the inputs: past and outputs with the inputs projected out.
     let (own, seen) = (block(mi, w, mi, w), block(mi, w, mi + w, outputs.len()));
     let (coefficients, _) = solve(&own, &seen, &column_norms(&block(0, mi + w, mi, w)));
     let right = match weight {

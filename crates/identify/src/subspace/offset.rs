@@ -1,7 +1,7 @@
-//! The operating point of a model: inputs and outputs at which it rests.
+//! The operating point of a model: the equilibrium of inputs and outputs.
 //!
-//! Every regression has a constant, so that no mean is taken for a rest: a slow plant's mean depends on where the record begins.
-//! How it can be wrong: a plant near integration rests far from what was recorded, or nowhere; then the inputs' operating point moves as well.
+//! Every regression has a constant, so that no mean replaces the equilibrium: a slow plant's mean depends on the start of the record. How it can be wrong: a
+//! nearly integrating plant has its equilibrium far from the record, or none. The inputs' operating point then moves as well.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,17 +9,18 @@ use super::innovations::{InnovationsModel, column_norms};
 use super::recordings::Factor;
 use super::single::solve;
 
-/// Weight of the equation of rest against the distance from the means.
+/// Weight of the equilibrium equation relative to the distance from the means.
 const EXACT: f64 = 1e6;
 
-/// Constants of a model's regressions: x(t+1) = A x + B u + K e + moves, y = C x + D u + e + reads; scaled deviations from the means.
+/// The constants `moves` and `reads` of a model's regressions. x(t+1) = A x + B u + K e + moves, and y = C x + D u + e + reads. Signals are scaled deviations
+/// from the means.
 pub(super) struct Constants {
     pub(super) moves: DVector<f64>,
     pub(super) reads: DVector<f64>,
 }
 
 impl Constants {
-    /// Of regressions over the rows of the factor, the states `map` times the past.
+    /// For regressions over the rows of the factor, with states `map` times the past.
     pub(super) fn of(factor: &Factor, map: &DMatrix<f64>, model: &InnovationsModel) -> Self {
         let layout = factor.layout;
         let of = |from: usize, count: usize| factor.means.rows(from, count).into_owned();
@@ -34,10 +35,10 @@ impl Constants {
     }
 }
 
-/// Deviations of inputs and outputs from their means at rest, scaled channels.
+/// Equilibrium deviations of inputs and outputs from their means, scaled channels.
 ///
-/// Inputs rest at their means. Where an output then rests beyond `extent`, its largest recorded deviation, inputs move as well: the point of rest nearest to all
-/// means.
+/// Inputs stay at their means. Where an output's equilibrium then exceeds `extent`, its largest recorded deviation, inputs move as well: to the equilibrium
+/// nearest to all means.
 pub(super) fn at_rest(
     Constants { moves, reads }: &Constants,
     model: &InnovationsModel,

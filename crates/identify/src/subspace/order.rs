@@ -1,4 +1,4 @@
-//! How many states: three criteria of one-step errors, how far they agree, and free runs of held-out data, which may reject their choice.
+//! The number of states: three criteria of one-step errors, their agreement, and free runs of held-out data, which may reject their choice.
 
 use deadtime_signal::stats::students_t;
 use nalgebra::DMatrix;
@@ -7,15 +7,15 @@ use serde::Serialize;
 use super::innovations::InnovationsModel;
 use super::recordings::Stretch;
 
-/// How sure a chosen order is.
+/// The confidence in a chosen order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sure {
     /// It was given.
     Given,
-    /// All three criteria say so.
+    /// All three criteria agree.
     Clear,
-    /// Schwarz's criterion and one other say so.
+    /// Schwarz's criterion and one other agree.
     Likely,
     /// The criteria differ.
     Unclear,
@@ -32,7 +32,7 @@ impl std::fmt::Display for Sure {
     }
 }
 
-/// One order that was tried.
+/// One tested order.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Candidate {
     /// States.
@@ -43,19 +43,19 @@ pub struct Candidate {
     pub log_loss: Option<f64>,
     /// Schwarz's criterion over twice the rows' logarithm, against the best: 0 for the best one.
     pub schwarz: Option<f64>,
-    /// Its weight among all that were tried.
+    /// Its weight among all tested orders.
     pub weight: f64,
-    /// Mean square of free-run errors on the last 30 % of each record by the model of the first 70 %, outputs of variance 1 added; absent for an unstable
-    /// model and where the order is given.
+    /// Free-run errors on the last 30 % of each record by the model of the first 70 %. Mean square, summed over outputs of variance 1. Absent for an unstable
+    /// model and for a given order.
     pub free_run: Option<f64>,
 }
 
-/// The order and what speaks for it.
+/// The order and its evidence.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OrderChoice {
     /// The order of the model.
     pub order: usize,
-    /// How sure.
+    /// The confidence.
     pub sure: Sure,
     /// By Schwarz's criterion of the models' own one-step errors.
     pub by_schwarz: usize,
@@ -63,13 +63,13 @@ pub struct OrderChoice {
     pub by_gap: usize,
     /// By Akaike's criterion of the same errors.
     pub by_akaike: usize,
-    /// The smallest order whose free runs of held-out data are within the noise of the best; absent where no model runs freely or the order is given.
+    /// The smallest order whose free runs of held-out data are within the noise of the best. Absent without a stable model, and for a given order.
     pub by_free_run: Option<usize>,
-    /// The orders that were tried.
+    /// The tested orders.
     pub candidates: Vec<Candidate>,
 }
 
-/// Logarithm of the determinant of the one-step errors' covariance, the first `skip` samples of every stretch left out; `None` where they grow.
+/// Logarithm of the determinant of the one-step errors' covariance, without the first `skip` samples of every stretch. `None` where they diverge.
 pub(super) fn log_loss(model: &InnovationsModel, scaled: &[Stretch], skip: usize) -> Option<f64> {
     if !model.is_finite() {
         return None;
@@ -86,29 +86,29 @@ pub(super) fn log_loss(model: &InnovationsModel, scaled: &[Stretch], skip: usize
     loss.is_finite().then_some(loss)
 }
 
-/// Errors of this variance, channels of variance 1, are rounding.
+/// Errors below this variance (channels of variance 1) are rounding.
 const FLOOR: f64 = 1e-22;
 
-/// Squared errors of a model on held-out data, outputs of variance 1 added, means of blocks.
+/// Squared errors of a model on held-out data, summed over outputs of variance 1, as means of blocks.
 #[derive(Debug, Clone, Default)]
 pub(super) struct FreeRuns {
     pub(super) one_step: Vec<f64>,
-    /// Absent where this model, or that of the whole record, does not decay.
+    /// Absent where this model, or that of the whole record, is unstable.
     pub(super) free: Option<Vec<f64>>,
 }
 
-/// How often noise may reject the order that Schwarz's criterion has, over all orders that are compared with it.
+/// Probability that noise rejects the order of Schwarz's criterion, over all compared orders.
 const BY_CHANCE: f64 = 0.01;
 /// The same for one order against the best.
 const BY_ITSELF: f64 = 0.05;
-/// An unstable model is rejected by stable ones whose free runs err by less than this many times the power of its one-step errors.
+/// Stable models reject an unstable one if their free-run errors are below this multiple of its one-step power.
 const FAR: f64 = 2.0;
 
 fn mean(of: &[f64]) -> f64 {
     of.iter().sum::<f64>() / of.len().max(1) as f64
 }
 
-/// The excess of `one` over `other` is beyond its noise, by blocks: Student's t, one-sided.
+/// The excess of `one` over `other` is significant over blocks: Student's t, one-sided.
 fn worse(one: &[f64], other: &[f64], chance: f64) -> bool {
     let excess: Vec<f64> = one.iter().zip(other).map(|(a, b)| a - b).collect();
     let n = excess.len() as f64;
@@ -134,7 +134,7 @@ fn of_free_runs(free: &[FreeRuns], order: usize) -> (Option<usize>, bool) {
     (smallest, rejected)
 }
 
-/// How certain an order is, from how many of the other two rules agree with Schwarz's.
+/// The confidence in an order, from the number of other rules that agree with Schwarz's.
 fn certainty(given: bool, rejected: bool, agree: usize) -> Sure {
     match (given, rejected, agree) {
         (true, ..) => Sure::Given,
@@ -145,7 +145,7 @@ fn certainty(given: bool, rejected: bool, agree: usize) -> Sure {
     }
 }
 
-/// The place of the smallest value that is there, counted from 1.
+/// The index of the smallest existing value, counted from 1.
 fn least(values: &[Option<f64>]) -> usize {
     let there = values.iter().enumerate().filter_map(|(i, v)| Some((i, (*v)?)));
     there.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(1, |(i, _)| i + 1)
@@ -160,7 +160,7 @@ pub(super) fn choose(
     (m, l): (usize, usize),
 ) -> OrderChoice {
     let n = rows.max(2) as f64;
-    // Twice the logarithm of the likelihood, and a price of every free parameter.
+    // Twice the logarithm of the likelihood, minus a penalty per free parameter.
     let criterion = |price: f64| -> Vec<Option<f64>> {
         let value = |(i, loss): (usize, &Option<f64>)| {
             loss.map(|loss| n * loss + price * ((i + 1) * (m + 2 * l)) as f64)
@@ -173,7 +173,7 @@ pub(super) fn choose(
         values.iter().map(|v| v.map_or(0.0, |v| (-(v - best) / 2.0).exp())).collect();
     let total: f64 = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
     let (by_schwarz, by_akaike) = (least(&values), least(&criterion(2.0)));
-    // The last singular value of all has none to be compared with.
+    // The last singular value has no successor.
     let ratio = |i: usize| singular[i] / singular[i + 1].max(1e-12 * singular[0]);
     let compared = losses.len().min(singular.len().saturating_sub(1));
     let by_gap = (0..compared).max_by(|a, b| ratio(*a).total_cmp(&ratio(*b))).map_or(1, |i| i + 1);

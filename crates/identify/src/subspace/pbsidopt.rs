@@ -9,7 +9,7 @@ use super::recordings::{Factor, Layout, Recordings, Scales};
 /// The long predictor: y(t) = Σ over lags of θ z(t−lag) (+ D u(t)) + c + e, by least squares; scaled channels.
 #[derive(Debug, Clone)]
 pub(super) struct Predictor {
-    /// (columns of the past, and of u(t) where it acts at once) × l.
+    /// (columns of the past, and of u(t) with a direct path) × l.
     pub(super) theta: DMatrix<f64>,
     /// Lower triangular square root of the innovations' covariance, l × l.
     pub(super) noise: DMatrix<f64>,
@@ -20,13 +20,13 @@ pub(super) struct Predictor {
 }
 
 impl Predictor {
-    /// Where the innovations of one output are rounding and those of another are not, their covariance is diagonal.
+    /// The covariance is diagonal where the innovations of one output, but not of another, are rounding.
     pub(super) fn fit(factor: &Factor, direct: Direct) -> Self {
         let layout = factor.layout;
         let columns = layout.window() + if direct == Direct::Free { layout.m } else { 0 };
         let y = factor.y();
         let kept = factor.independent(columns);
-        // The factor of the columns that are kept, and the outputs.
+        // The factor of the kept columns, and the outputs.
         let (upper, top) = if kept.len() == columns {
             (
                 factor.r.view((0, 0), (columns, columns)).into_owned(),
@@ -58,7 +58,7 @@ impl Predictor {
         Self { theta, noise: root(&covariance), kept, upper }
     }
 
-    /// A change of θ as the noise makes it: covariance Σe ⊗ (ZZᵀ)⁻¹; `normal` is kept columns × l of standard normal numbers.
+    /// A change of θ drawn from the noise: covariance Σe ⊗ (ZZᵀ)⁻¹; `normal` is kept columns × l of standard normal values.
     pub(super) fn change(&self, normal: &DMatrix<f64>) -> DMatrix<f64> {
         let coloured = normal * self.noise.transpose();
         let solved = self
@@ -72,7 +72,7 @@ impl Predictor {
         change
     }
 
-    /// Of each input, the lags whose coefficients are known to less than the outputs' standard deviation over the input's: the rest are noise.
+    /// The number of lags of each input with a coefficient more certain than the outputs' standard deviation over the input's; the others are noise.
     pub(super) fn determined(&self, layout: Layout) -> Vec<usize> {
         let noise = self.noise.diagonal().amax();
         let known = |column: usize| {
@@ -83,13 +83,13 @@ impl Predictor {
         (0..layout.m).map(of).collect()
     }
 
-    /// Free coefficients of each output, the constant not counted.
+    /// Free coefficients of each output, without the constant.
     pub(super) fn parameters(&self) -> usize {
         self.kept.len()
     }
 }
 
-/// A lower triangular L with L·Lᵀ the covariance; where it is singular, of the diagonal with a floor.
+/// A lower triangular L with L·Lᵀ the covariance; for a singular one, the root of the diagonal with a floor.
 fn root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let floor = covariance.diagonal().max().max(1e-24) * 1e-12;
     let raised = covariance + DMatrix::identity(covariance.nrows(), covariance.nrows()) * floor;
@@ -99,7 +99,7 @@ fn root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     )
 }
 
-/// Row block i: the prediction of y(t+i) from the past of t, what lies between being unknown: C(A − KC)^(i+lag−1)[B K] on z(t−lag).
+/// Row block i: the prediction of y(t+i) from the past of t, without the samples in between: C(A − KC)^(i+lag−1)[B K] on z(t−lag).
 ///
 /// `theta` by columns of the past × l; `horizon`·l × columns of the past.
 pub(super) fn predictions(theta: &DMatrix<f64>, factor: &Factor, horizon: usize) -> DMatrix<f64> {
@@ -119,7 +119,7 @@ pub(super) fn predicted(predictor: &Predictor, factor: &Factor) -> (DMatrix<f64>
     (predictions(&predictor.theta, factor, factor.layout.past), right)
 }
 
-/// What the states are made of: T = S^(−1/2) Uᵀ W P, of which the first n rows give the states of a model of order n.
+/// The transformation to the states, T = S^(−1/2) Uᵀ W P; its first n rows give the states of a model of order n.
 #[derive(Debug, Clone)]
 pub(super) struct States {
     /// Singular values of the weighted predictions over the square root of the rows, largest first.
@@ -129,7 +129,8 @@ pub(super) struct States {
 }
 
 impl States {
-    /// Weighted by the innovations' covariance, so that units do not matter; `right` is a triangular factor of the past of `rows` samples. At most `most` states.
+    /// Weighted by the innovations' covariance, so that units have no influence; `right` is a triangular factor of the past of `rows` samples. At most `most`
+    /// states.
     pub(super) fn of(
         predictions: &DMatrix<f64>,
         right: &DMatrix<f64>,

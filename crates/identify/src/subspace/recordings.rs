@@ -12,9 +12,9 @@ use deadtime_signal::time::SampleTime;
 /// A channel's name and unit.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Named {
-    /// The name that the log gives it.
+    /// The name in the log.
     pub name: String,
-    /// Its unit, where the log gives one.
+    /// Its unit, where the log has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
 }
@@ -51,7 +51,7 @@ pub struct Recordings {
     pub inputs: Vec<Named>,
     /// The outputs.
     pub outputs: Vec<Named>,
-    /// The samples; a missing output sample parts two stretches.
+    /// The samples; a missing output sample separates two stretches.
     pub stretches: Vec<Stretch>,
 }
 
@@ -120,13 +120,13 @@ impl Recordings {
         self.stretches.iter().map(Stretch::len).sum()
     }
 
-    /// Rows that have `past` samples before them.
+    /// Rows with `past` samples before them.
     #[must_use]
     pub fn rows(&self, past: usize) -> usize {
         self.stretches.iter().map(|s| s.len().saturating_sub(past)).sum()
     }
 
-    /// Each input later by so many samples, as it acts behind its dead time; samples without an input go.
+    /// Each input delayed by its number of samples, as it acts behind its dead time; samples without an input are dropped.
     ///
     /// # Errors
     /// [`IdentifyError::Option`] for another number of delays.
@@ -151,7 +151,7 @@ impl Recordings {
         Ok(Self { stretches, ..self.clone() })
     }
 
-    /// The first share of every stretch, and the rest of it.
+    /// The first share of every stretch, and the remainder.
     #[must_use]
     pub fn split(&self, share: f64) -> (Self, Self) {
         let cut = |s: &Stretch| ((s.len() as f64 * share).round() as usize).min(s.len());
@@ -218,7 +218,7 @@ impl Recordings {
         scales.outputs.iter().enumerate().map(largest).collect()
     }
 
-    /// The triangular factor of the lagged, scaled samples, each column without its mean.
+    /// The triangular factor of the lagged, scaled samples, each column minus its mean.
     #[must_use]
     pub(super) fn factor(&self, past: usize, scales: &Scales) -> Factor {
         let layout = self.layout(past);
@@ -293,7 +293,7 @@ impl Scales {
         Stretch { u: scaled(&s.u, &self.inputs), y: scaled(&s.y, &self.outputs) }
     }
 
-    /// The same spreads about other centres: these deviations, in the scaled units, from those here.
+    /// The same spreads about other centres: the given deviations, in scaled units, from the present ones.
     pub(super) fn about(&self, (inputs, outputs): &(DVector<f64>, DVector<f64>)) -> Self {
         let moved = |scales: &[(f64, f64)], by: &DVector<f64>| {
             scales.iter().zip(by.iter()).map(|((c, s), d)| (c + s * d, *s)).collect()
@@ -311,7 +311,7 @@ impl Scales {
     }
 }
 
-/// Which column is which: z(t−1) … z(t−p), u(t), y(t), with z = [u; y].
+/// The column layout: z(t−1) … z(t−p), u(t), y(t), with z = [u; y].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Layout {
     pub(super) m: usize,
@@ -342,7 +342,7 @@ impl Layout {
     }
 }
 
-/// RᵀR = Σ over rows of the columns' products, each column without its mean: a regression inside of it has a constant.
+/// RᵀR = Σ over rows of the columns' products, each column minus its mean: a regression in it has a constant.
 #[derive(Debug, Clone)]
 pub(super) struct Factor {
     pub(super) layout: Layout,
@@ -353,7 +353,7 @@ pub(super) struct Factor {
 }
 
 impl Factor {
-    /// The factor of the rows of all these factors, whose first column is the ones.
+    /// The factor of the rows of all these factors, whose first column is ones.
     pub(super) fn joined(
         layout: Layout,
         rows: usize,
@@ -369,19 +369,19 @@ impl Factor {
         let entry = |i: usize, j: usize| {
             joined.as_ref().filter(|r| i < r.nrows()).map_or(0.0, |r| r[(i, j)])
         };
-        // Behind the ones, columns are without their means.
+        // Behind the ones, columns are centred.
         let r = DMatrix::from_fn(q - 1, q - 1, |i, j| entry(i + 1, j + 1));
         let one = entry(0, 0);
         let mean = |j: usize| if one == 0.0 { 0.0 } else { entry(0, j + 1) / one };
         Self { layout, rows, r, means: DVector::from_fn(q - 1, |j, _| mean(j)) }
     }
 
-    /// The norm of a column, its mean included: what rounding is compared with.
+    /// The norm of a column including its mean: the scale of rounding.
     fn norm(&self, column: usize) -> f64 {
         self.r.column(column).norm().hypot(self.means[column] * (self.rows as f64).sqrt())
     }
 
-    /// Columns among the first `columns` that are no combination of the columns before them.
+    /// Those of the first `columns` columns that do not depend on previous ones.
     pub(super) fn independent(&self, columns: usize) -> Vec<usize> {
         (0..columns)
             .filter(|&j| self.r[(j, j)].abs() > REPEATED * self.norm(j).max(f64::MIN_POSITIVE))
@@ -412,7 +412,7 @@ impl Factor {
         self.r.columns(self.layout.window(), self.layout.m).into_owned()
     }
 
-    /// How many of the input's own lags 1, 2, … are independent of all the inputs before them.
+    /// The number of the input's own lags 1, 2, … that are independent of all previous inputs.
     ///
     /// # Errors
     /// [`IdentifyError::Collinear`] where an input is a combination of the others at the same sample.
@@ -445,8 +445,8 @@ impl Factor {
     }
 }
 
-/// A lag whose part of its own is smaller than this share is the repetition of others.
+/// A lag whose own part is below this share depends on the others.
 const RICH: f64 = 1e-7;
 
-/// Rounding of a triangular factor: what is smaller repeats the columns before it.
+/// Rounding of a triangular factor: a smaller part depends on the previous columns.
 const REPEATED: f64 = 1e-9;

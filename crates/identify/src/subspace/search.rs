@@ -1,4 +1,4 @@
-//! Models of every order from one decomposition, and how their free runs predict the last part of each record.
+//! Models of every order from one decomposition, and their free-run errors on the last part of each record.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -11,23 +11,23 @@ use super::pbsidopt::{Predictor, States};
 use super::recordings::{Factor, Recordings, Scales, Stretch};
 use super::{innovations, moesp, n4sid, offset, pbsidopt};
 
-/// Share of each record whose models are judged by free runs over the rest.
+/// Share of each record for the models; free runs over the remainder evaluate them.
 const LEARNT: f64 = 0.7;
-/// Contiguous blocks of the rest, over which errors are compared.
+/// Contiguous blocks of the remainder, over which errors are compared.
 pub(super) const BLOCKS: usize = 10;
 
-/// How states are found, and what of.
+/// The method and windows for finding states.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Way {
     /// `None`: PBSIDopt.
     pub(super) weight: Option<Weight>,
     pub(super) direct: Direct,
     pub(super) past: usize,
-    /// Most states.
+    /// Largest number of states.
     pub(super) most: usize,
 }
 
-/// What the models of all orders have in common.
+/// The common data of the models of all orders.
 pub(super) struct Search<'a> {
     pub(super) way: Way,
     recordings: &'a Recordings,
@@ -43,7 +43,7 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// `None` where inputs and past explain nothing of the outputs.
+    /// `None` where inputs and past do not explain the outputs.
     pub(super) fn of(
         recordings: &'a Recordings,
         scales: Scales,
@@ -73,7 +73,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Orders that the decomposition has.
+    /// Number of orders of the decomposition.
     pub(super) fn orders(&self) -> usize {
         self.states.rows.nrows()
     }
@@ -104,7 +104,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Errors of models of the first part of each record on the rest, by order, where the model of the whole record is stable too; `None` where a part is too short for `needed` rows or has no models.
+/// Errors on the remainder, by order, of models of the first part of each record; the whole record's model must be stable, too. `None` where a part is too
+/// short for `needed` rows or has no models.
 pub(super) fn free_runs(
     whole: &Search,
     recordings: &Recordings,
@@ -113,7 +114,7 @@ pub(super) fn free_runs(
     let way = whole.way;
     let (first, rest) = recordings.split(LEARNT);
     let double = if way.weight.is_some() { 2 } else { 1 };
-    // The start of a free run is fitted to the same samples.
+    // The initial state of a free run is fitted to the same samples.
     let long = |s: &&Stretch| s.len() > 2 * (way.past + way.most);
     let rest: Vec<&Stretch> = rest.stretches.iter().filter(long).collect();
     if first.rows(double * way.past) < needed || rest.is_empty() {

@@ -21,38 +21,38 @@ pub struct Innovations {
     pub k: DVector<f64>,
     /// Σ e²/rows.
     pub loss: f64,
-    /// The singular values that the order was chosen by, largest first.
+    /// The singular values behind the order, largest first.
     pub singular: Vec<f64>,
 }
 
 /// Options of the identification.
 ///
-/// A long predictor, an ARX model of `past` samples, gives the predictor's Markov parameters C(A − KC)ʲ[B K]; times the past of the data they are the future
-/// outputs' predictions, whose singular value decomposition is observability matrix times states; with states, A, B, C, D and K follow by least squares.
-/// All of it is done inside one triangular factor of the lagged data, so that its cost is that of one long ARX model.
+/// A long predictor, an ARX model of `past` samples, gives the predictor's Markov parameters C(A − KC)ʲ[B K]. The Markov parameters times the past of the data
+/// predict the future outputs. The singular value decomposition of the predictions is observability matrix times states. Given states, least squares give A, B,
+/// C, D and K. All steps use one triangular factor of the lagged data, so the cost is that of one long ARX model.
 ///
 /// Source: Chiuso (2007), "The role of vector autoregressive modeling in predictor-based subspace identification", Automatica 43(6), 1034-1048,
-/// doi:10.1016/j.automatica.2006.12.005; van der Veen, van Wingerden, Bergamasco, Lovera and Verhaegen (2013), "Closed-loop subspace identification methods:
-/// an overview", IET Control Theory Appl. 7(10), 1339-1358, doi:10.1049/iet-cta.2012.0653, sections 3 and 4. The sources leave the choice of the past window to
-/// the user: it must outlast the predictor's memory.
+/// doi:10.1016/j.automatica.2006.12.005. Van der Veen, van Wingerden, Bergamasco, Lovera and Verhaegen (2013), "Closed-loop subspace identification methods: an
+/// overview", IET Control Theory Appl. 7(10), 1339-1358, doi:10.1049/iet-cta.2012.0653, sections 3 and 4. The sources leave the past window to the user: it
+/// must exceed the predictor's memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Subspace {
-    /// Most states; of 1 to so many Schwarz's criterion takes the number, each state counting for three parameters.
+    /// Largest number of states; Schwarz's criterion selects from 1 to this number, with three parameters per state.
     pub order: usize,
-    /// Samples of the past that predict; at least `order`.
+    /// Past samples in the predictor; at least `order`.
     pub past: usize,
-    /// Whether the input acts within the sample; under feedback that does so too, the two are indistinguishable.
+    /// Whether the input acts within the sample; feedback within the sample is indistinguishable from it.
     pub direct: bool,
 }
 
 impl Subspace {
-    /// Least rows: twice the parameters of the long predictor.
+    /// Minimum number of rows: twice the parameters of the long predictor.
     #[must_use]
     pub fn rows_needed(&self) -> usize {
         4 * self.past + 2
     }
 
-    /// The model; `None` where the records are too short or say nothing of it.
+    /// The model; `None` where the records are too short or uninformative.
     #[must_use]
     pub fn fit(&self, records: &[Record]) -> Option<Innovations> {
         let Self { order, past, direct } = *self;
@@ -78,7 +78,7 @@ impl Subspace {
             &norms(&triangle.norms, &regressors),
         );
         let markov = markov.rows_mut(0, 2 * past).column(0).into_owned();
-        // Row i: the prediction i samples on, what lies between being unknown: C(A − KC)^(i+l−1)[B K] on z(t−l).
+        // Row i: the prediction i samples ahead, without the samples in between: C(A − KC)^(i+l−1)[B K] on z(t−l).
         let horizon = past;
         let predict = DMatrix::from_fn(horizon, 2 * past, |i, column| {
             markov.get(column + 2 * i).copied().unwrap_or(0.0)
@@ -153,8 +153,8 @@ impl Realisation {
 }
 
 impl Innovations {
-    /// c₁ … c_n of C(q) = det(I − (A − KC)q⁻¹): A(q) y = B(q) u + C(q) e is the same model, A(q) = det(I − Aq⁻¹). Roots outside the unit circle, which only a
-    /// short record leaves there, are mirrored into it.
+    /// c₁ … c_n of C(q) = det(I − (A − KC)q⁻¹). A(q) y = B(q) u + C(q) e with A(q) = det(I − Aq⁻¹) is the same model. Roots outside the unit circle, which
+    /// occur for short records only, are mirrored into it.
     #[must_use]
     pub fn noise_polynomial(&self) -> Option<Vec<f64>> {
         let roots = eigenvalues(&(&self.a - &self.k * self.c.transpose()));
@@ -172,7 +172,7 @@ pub(super) fn join(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     both
 }
 
-/// Coefficients and residuals of every target on the columns; columns that only repeat the ones before them get 0.
+/// Coefficients and residuals of every target on the columns; dependent columns get 0.
 pub(super) fn solve(
     columns: &DMatrix<f64>,
     targets: &DMatrix<f64>,
@@ -184,7 +184,7 @@ pub(super) fn solve(
     for (at, column) in columns.column_iter().enumerate() {
         let mut rest = column.into_owned();
         let mut shares = vec![0.0; basis.len()];
-        // Twice is enough: the second pass takes off the rounding of the first.
+        // Two passes suffice: the second removes the rounding of the first.
         for _ in 0..2 {
             for (share, q) in shares.iter_mut().zip(&basis) {
                 let s = q.dot(&rest);
@@ -228,7 +228,7 @@ pub(super) fn solve(
 mod tests {
     use super::*;
 
-    /// y = 0.5·q⁻¹/((1 − 1.05q⁻¹)(1 − 0.6q⁻¹)) u + C/A e with C = 1 − 0.5q⁻¹, held by u = r − 0.8y(t); the loop's roots are inside the circle.
+    /// y = 0.5·q⁻¹/((1 − 1.05q⁻¹)(1 − 0.6q⁻¹)) u + C/A e with C = 1 − 0.5q⁻¹. The controller u = r − 0.8y(t) stabilises the loop.
     fn loops(samples: usize) -> Record<'static> {
         let mut state = 11_u64;
         let mut next = || {
@@ -261,7 +261,7 @@ mod tests {
             (b1 - 0.5).abs() < 0.01 && (b2 - 0.825).abs() < 0.02 && (k1 - 1.15).abs() < 0.03,
             "{b1} {b2} {k1}"
         );
-        // C(q) = (1 − 0.5q⁻¹) and a root that the second order of A leaves at 0.
+        // C(q) = (1 − 0.5q⁻¹) and a root at 0 from the second order of A.
         let c = fit.noise_polynomial().unwrap();
         assert!((c[0] + 0.5).abs() < 0.05 && c[1].abs() < 0.05, "{c:?}");
     }

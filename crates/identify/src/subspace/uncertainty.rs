@@ -1,4 +1,4 @@
-//! From drawn models to what a user sees: standard deviations of poles, bands of frequency responses.
+//! From drawn models to reported uncertainty: standard deviations of poles, bands of frequency responses.
 
 use nalgebra::{Complex, DMatrix};
 use serde::Serialize;
@@ -8,14 +8,14 @@ use deadtime_model::{ModelError, Sampled, StateSpace};
 use deadtime_signal::stats::NORMAL_95_EXACT;
 use deadtime_signal::time::SampleTime;
 
-/// Models as the noise would have made them: drawn from the covariance of the long predictor, Σe ⊗ (ZZᵀ)⁻¹.
+/// Models drawn from the covariance of the long predictor, Σe ⊗ (ZZᵀ)⁻¹.
 ///
-/// Source: the thesis' way (random draws carried to frequency responses); Chiuso (2007), doi:10.1016/j.automatica.2006.12.005, for the asymptotic covariance.
+/// Source: the thesis (random draws carried to frequency responses); Chiuso (2007), doi:10.1016/j.automatica.2006.12.005, for the asymptotic covariance.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Draws {
     /// Whole draws, for quantiles.
     pub whole: Vec<InnovationsModel>,
-    /// Draws of `step` times the size, for derivatives: the delta method without derivatives by hand.
+    /// Draws scaled by `step`, for derivatives: the delta method without analytic derivatives.
     pub small: Vec<InnovationsModel>,
     /// Size of the small draws.
     pub step: f64,
@@ -25,7 +25,7 @@ pub struct Draws {
     pub small_delays: Vec<Vec<usize>>,
 }
 
-/// A pole or zero of the sampled model and how well it is known.
+/// A pole or zero of the sampled model, with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Root {
     /// Real part, in the z plane.
@@ -38,13 +38,13 @@ pub struct Root {
     pub std_im: Option<f64>,
     /// Covariance of the two, for the ellipse.
     pub covariance: Option<f64>,
-    /// The ellipse that holds the root with 95 %; absent without draws and for a real root, which has an interval.
+    /// The ellipse that holds the root with 95 %; absent without draws, and for a real root, which has an interval.
     pub ellipse95: Option<Ellipse>,
     /// Natural frequency of the continuous pole, Hz; absent at z = 0.
     pub frequency_hz: Option<f64>,
     /// Damping ratio of the continuous pole.
     pub damping: Option<f64>,
-    /// Time constant −1/Re s of the continuous pole, s; negative where it grows.
+    /// Time constant −1/Re s of the continuous pole, s; negative for an unstable pole.
     pub time_constant_s: Option<f64>,
     /// Standard deviation of `time_constant_s`.
     pub time_constant_std_s: Option<f64>,
@@ -62,8 +62,8 @@ pub struct Ellipse {
 }
 
 impl Ellipse {
-    /// Of two normal parts with these standard deviations and this covariance: half-axes are the roots of the covariance's eigenvalues times 5.991, the 95 % quantile
-    /// of chi-squared with two degrees of freedom.
+    /// For two normal parts with these standard deviations and this covariance. The half-axes are √(5.991·λ), λ the covariance's eigenvalues, 5.991 the 95 %
+    /// quantile of chi-squared with two degrees of freedom.
     fn of(std_re: f64, std_im: f64, covariance: f64) -> Self {
         let (a, b) = (std_re * std_re, std_im * std_im);
         let (middle, half) = (0.5 * (a + b), (0.5 * (a - b)).hypot(covariance));
@@ -80,7 +80,7 @@ impl Ellipse {
 const CHI_SQUARED_95: f64 = 5.991_465;
 
 impl Root {
-    /// Whether `z` lies within the ellipse of 95 % (the interval of 95 % for a real one).
+    /// Whether `z` lies within the 95 % ellipse (for a real root, the 95 % interval).
     #[must_use]
     pub fn covers(&self, z: Complex<f64>) -> bool {
         let (dre, dim) = (z.re - self.re, z.im - self.im);
@@ -99,7 +99,7 @@ impl Root {
 /// The frequency response of one pair at one frequency.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Band {
-    /// rad/s.
+    /// Frequency, rad/s.
     pub omega_rad_s: f64,
     /// |G|, in the output's unit per input's.
     pub gain: f64,
@@ -124,8 +124,8 @@ pub struct Response {
     pub bands: Vec<Band>,
 }
 
-/// The covariance of A, B, C and D as independent deviations of one standard deviation each, flattened row by row, A first: Σ dᵀd over them is the covariance, in
-/// the states of the nominal model. Empty without draws.
+/// The covariance of A, B, C and D as independent deviations of one standard deviation each, flattened in row-major order, A first. Σ dᵀd over them is the
+/// covariance, in the states of the nominal model. Empty without draws.
 pub(super) fn deviations(nominal: &InnovationsModel, draws: &Draws) -> Vec<Vec<f64>> {
     let flat = |m: &InnovationsModel| {
         [&m.a, &m.b, &m.c, &m.d]
@@ -157,7 +157,7 @@ pub(super) fn system(
         .with_input_delay(delays.to_vec())
 }
 
-/// Roots closer than this share of their size are one.
+/// Roots within this relative distance coincide.
 const COINCIDE: f64 = 1e-5;
 
 /// Roots of the model as `of` finds them, with their deviations over the small draws.
@@ -174,7 +174,7 @@ pub(super) fn roots(
         .iter()
         .enumerate()
         .map(|(i, &z)| {
-            // Roots that coincide have no derivative.
+            // Coinciding roots have no derivative.
             let known = known
                 && !nominal
                     .iter()
@@ -225,7 +225,7 @@ fn matched(nominal: &[Complex<f64>], drawn: &[Complex<f64>]) -> Option<Vec<Compl
     Some(found)
 }
 
-/// Frequencies from a few periods in the data to the Nyquist frequency, evenly in the logarithm, rad/s.
+/// Logarithmically even frequencies from a few periods in the data to the Nyquist frequency, rad/s.
 pub(super) fn frequencies(ts: SampleTime, samples: usize, count: usize) -> Vec<f64> {
     let high = ts.nyquist_rad_s() * 0.99;
     let low =

@@ -1,4 +1,4 @@
-//! How well a model does on data that it has not seen: fits, and tests of its one-step errors.
+//! Validation of a model on held-out data: fits, and tests of its one-step errors.
 
 use deadtime_signal::decompositions::symmetric_eigen;
 use nalgebra::DMatrix;
@@ -10,7 +10,7 @@ use super::recordings::{Named, Stretch};
 use crate::iv::whitened;
 use deadtime_signal::stats;
 
-/// How one output is met.
+/// The fit of one output.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fit {
     /// 100·(1 − rms error/standard deviation of the measurement).
@@ -21,36 +21,36 @@ pub struct Fit {
     pub nrmse: f64,
 }
 
-/// A test of the one-step errors; a small p speaks against the model.
+/// A test of the one-step errors; a small p rejects the model.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Test {
-    /// Lags that it looks at.
+    /// Number of tested lags.
     pub lags: usize,
-    /// Its statistic, chi-squared where the model is right.
+    /// Its statistic, chi-squared for a correct model.
     pub statistic: f64,
-    /// Chance of a larger one where the model is right.
+    /// The probability of a larger statistic for a correct model.
     pub p: f64,
 }
 
-/// How one output is met, and what its one-step errors still contain.
+/// The fit of one output, and tests of its one-step errors.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OutputCheck {
     /// The output.
     pub output: String,
-    /// All its samples are one value to rounding: no fit is relative to its spread.
+    /// All its samples are equal up to rounding: no fit is relative to its spread.
     #[serde(skip)]
     pub stands_still: bool,
-    /// One-step predictions; absent where the output stands still.
+    /// One-step predictions; absent for a constant output.
     pub one_step: Option<Fit>,
-    /// Free run from the best start; absent for an unstable model or an output that stands still.
+    /// Free run from the best initial state; absent for an unstable model or a constant output.
     pub simulation: Option<Fit>,
     /// The errors are white (Ljung and Box 1978, doi:10.1093/biomet/65.2.297).
     pub white: Option<Test>,
-    /// The errors do not depend on earlier inputs; one test per input.
+    /// The errors are independent of earlier inputs; one test per input.
     pub inputs: Vec<InputTest>,
 }
 
-/// Whether an output's errors depend on an input of earlier samples.
+/// A test whether an output's errors depend on earlier samples of an input.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct InputTest {
     /// The input.
@@ -58,17 +58,17 @@ pub struct InputTest {
     /// The test.
     #[serde(flatten)]
     pub test: Test,
-    /// The largest correlation by size and its lag, samples.
+    /// The largest correlation by magnitude.
     pub largest: f64,
     /// Its lag.
     pub at_lag: usize,
 }
 
-/// Lags that the tests look at.
+/// Number of lags in the tests.
 const LAGS: usize = 25;
 
-/// Every output of deviations `s` (centred, the channels' units), the first `skip` samples of each stretch left out of one-step errors. With a noise polynomial D the
-/// one-step errors are D times those of a free run, else those of the model's own predictor.
+/// Every output of deviations `s` (centred, the channels' units); one-step errors omit the first `skip` samples of each stretch. With a noise polynomial D the
+/// one-step errors are D times those of a free run, otherwise those of the model's own predictor.
 pub(super) fn check(
     (model, noise): (&InnovationsModel, Option<&[f64]>),
     stretches: &[Stretch],
@@ -128,7 +128,7 @@ pub(super) fn check(
         .collect()
 }
 
-/// Largest less smallest value; 0 where that is rounding.
+/// Largest minus smallest value; 0 where that is rounding.
 fn spread(values: &[Vec<f64>]) -> f64 {
     let of = |v: &f64| (*v, *v);
     let wider = |(a, b): (f64, f64), (c, d): (f64, f64)| (a.min(c), b.max(d));
@@ -182,8 +182,8 @@ fn white(errors: &[Vec<f64>]) -> Option<Test> {
     Some(Test { lags: LAGS, statistic, p: chance(statistic, LAGS as f64)? })
 }
 
-/// n·rᵀ·Ru⁻¹·r of the correlations r of the errors with the input 1 to `LAGS` samples earlier, Ru the input's own correlations: chi-squared where the
-/// errors are white and depend on no earlier input.
+/// n·rᵀ·Ru⁻¹·r of the correlations r of the errors with the input 1 to `LAGS` samples earlier, Ru the input's own correlations. The statistic is chi-squared
+/// for white errors that are independent of earlier inputs.
 fn cross(errors: &[Vec<f64>], u: &[Vec<f64>]) -> Option<(Test, f64, usize)> {
     let (e, u) = (centred(errors), centred(u));
     let n = e.iter().map(Vec::len).sum::<usize>() as f64;
@@ -220,7 +220,7 @@ mod tests {
     fn an_output_that_stands_still_has_no_fit_whatever_its_level() {
         let errors = vec![vec![0.3, -0.2, 0.1], vec![0.5]];
         for level in [0.0, 1e-9, -3.7, 1e12] {
-            // A mean that is taken off leaves rounding.
+            // Subtracting a mean leaves rounding.
             let rounded = level * (1.0 + 1e-16);
             let still = vec![vec![level, rounded, level], vec![level]];
             assert!(fit(&still, &errors).is_none(), "{level}");

@@ -12,10 +12,10 @@ pub trait Conversion: Send + Sync {
     /// The sampled model.
     ///
     /// # Errors
-    /// What the conversion cannot do for this model, as a [`ModelError`].
+    /// A [`ModelError`] for a model that the conversion cannot handle.
     fn c2d(&self, sys: &StateSpace<Continuous>, sample_time: SampleTime) -> Converted;
 
-    /// The whole samples that stand for a delay which this conversion does not carry; `None` where it does.
+    /// The whole samples to which a delay is rounded, by a conversion without fractional delays; `None` where it represents the delay.
     fn rounds(&self, _: Samples) -> Option<usize> {
         None
     }
@@ -26,7 +26,7 @@ pub trait Conversion: Send + Sync {
     }
 }
 
-/// The one input and output of a model, or the error that asks to select them.
+/// Checks for one input and one output; the error asks to select them.
 pub(super) fn single(method: &'static str, sys: &StateSpace<Continuous>) -> Result<(), ModelError> {
     if (sys.inputs(), sys.outputs()) == (1, 1) {
         Ok(())

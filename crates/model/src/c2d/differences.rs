@@ -1,4 +1,4 @@
-//! Conversions by differences in the place of derivatives: forward, backward, and all between.
+//! Conversions by difference quotients: forward, backward, and interpolations of the two.
 
 use super::conversion::{Conversion, Converted};
 use super::{thiran, tustin};
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
     use nalgebra::{Complex, DMatrix};
 
-    /// H(z) is G at the s that the rule gives, at every z.
+    /// H(z) equals G at the mapped s, at every z.
     #[test]
     fn the_sampled_response_is_the_continuous_one_at_the_mapped_point() {
         let sys = StateSpace::continuous(

@@ -6,7 +6,7 @@ use super::zero_order_hold;
 use crate::state_space::{Continuous, StateSpace};
 use deadtime_signal::time::SampleTime;
 
-/// The triangle hold: the input runs straight from u(k) to u(k+1). The state is z = x − Γ₊u, so that the model is causal.
+/// The triangle hold: the input is linear from u(k) to u(k+1). The state is z = x − Γ₊u, which makes the model causal.
 ///
 /// Source: Franklin, Powell and Workman (1998), "Digital Control of Dynamic Systems", 3rd ed., section 6.3.2.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]

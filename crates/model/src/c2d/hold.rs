@@ -1,11 +1,11 @@
-//! What a held or interpolated, delayed input does to the state over one sample: shared by the exact conversions and by `lsim`.
+//! The effect of a held or interpolated, delayed input on the state over one sample: shared by the exact conversions and by `lsim`.
 
 use nalgebra::{DMatrix, DVector, DVectorView};
 
 use crate::matrix::exp;
 use deadtime_signal::time::Samples;
 
-/// How the input runs between samples.
+/// The input between samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Hold {
@@ -16,14 +16,14 @@ pub enum Hold {
     Linear,
 }
 
-/// One term Γ·u(k − lag) of x(k+1) = Φx(k) + Σ Γ u(k − lag), and of y(k) = C x(k) + D Σ weight·u(k − lag).
+/// One term of a delayed input: Γ·u(k − lag) in x(k+1) = Φx(k) + Σ Γ u(k − lag). In y(k) = C x(k) + D Σ `direct`·u(k − lag) its weight is `direct`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tap {
-    /// Samples that the term looks back; −1 looks ahead to u(k + 1).
+    /// Lag of the term, samples; −1 refers to u(k + 1).
     pub lag: isize,
-    /// Γ, one number per state.
+    /// Γ, one entry per state.
     pub gamma: DVector<f64>,
-    /// What the term contributes to the delayed input at the sampling instant itself.
+    /// The term's weight in the delayed input at the sampling instant itself.
     pub direct: f64,
 }
 
@@ -79,8 +79,8 @@ pub fn transition(
 
 /// The taps of one input whose delay has this fraction; lags count from the delay's whole part.
 ///
-/// Zero-order hold (Åström and Wittenmark 1997, "Computer-Controlled Systems", section 2.3): u(k−1) acts until the fraction has passed, then u(k).
-/// First-order hold: the delayed straight lines meet where the fraction ends.
+/// Zero-order hold (Åström and Wittenmark 1997, "Computer-Controlled Systems", section 2.3): u(k−1) acts until the fraction has passed, then u(k). First-order
+/// hold: the delayed straight lines meet at the end of the fraction.
 pub fn delayed_taps(
     a: &DMatrix<f64>,
     b: DVectorView<'_, f64>,

@@ -8,7 +8,7 @@ use crate::matrix::exp;
 use crate::state_space::{Continuous, StateSpace};
 use deadtime_signal::time::SampleTime;
 
-/// What becomes of a direct path, whose impulse response is an impulse.
+/// The treatment of a direct path, whose impulse response is an impulse.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Feedthrough {
@@ -21,13 +21,13 @@ pub enum Feedthrough {
 
 /// H(z) = Ts·Σ h(kTs) z⁻ᵏ with the full first sample, Dd = D + Ts·C·B.
 ///
-/// A delay shifts h: its samples then start inside the response, and no state is added.
-/// Fails when feedthrough is kept and an input with D ≠ 0 has a fractional delay: that impulse lies between two samples.
+/// A delay shifts h: its samples then start inside the response, and no state is added. Fails when: feedthrough is kept and an input with D ≠ 0 has a
+/// fractional delay. The impulse of D then lies between two samples.
 /// Source: MATLAB `c2d(…, 'impulse')`; Oppenheim and Schafer (2010), "Discrete-Time Signal Processing", 3rd ed., section 7.2.1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ImpulseInvariant {
-    /// What becomes of D.
+    /// The treatment of D.
     pub feedthrough: Feedthrough,
 }
 

@@ -1,4 +1,4 @@
-//! Least squares: the sampled model of the same order with the nearest frequency response up to the Nyquist frequency.
+//! Least squares: the sampled model of the same order with the closest frequency response up to the Nyquist frequency.
 
 use nalgebra::{Complex, DMatrix, DVector};
 
@@ -11,14 +11,15 @@ use crate::zeros;
 use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped, polish};
 use deadtime_signal::time::SampleTime;
 
-/// Minimises the mean of |G(jω)e^(−jωf) − H(e^(jωTs))|² over ω = (i + ½)π/(grid·Ts), i < grid; f is the delay without its whole samples, which are removed first.
+/// Minimises the mean of |G(jω)e^(−jωf) − H(e^(jωTs))|² over ω = (i + ½)π/(grid·Ts), i < grid. f is the delay minus its whole samples, which are removed first.
 ///
 /// H has the order of G after pole-zero cancellation and any numerator up to that degree. Poles stay on their side of the unit circle; those on it
-/// (integrators) stay where exp(s·Ts) puts them. The cost has several minima, above all with half a sample of delay and a direct path.
+/// (integrators) stay where exp(s·Ts) puts them. The cost has several minima, mainly for a delay of half a sample and a direct path.
 ///
-/// The search starts from exp(s·Ts), from Tustin's poles, from these with a pole near −1, and from the best of a fixed sequence of pole positions. The lowest minimum
-/// is the answer. Where the lowest point found lies on the unit circle or at infinity there is none: [`ModelError::NotConverged`]. One input, one output.
-/// Source: MATLAB `c2d(…, 'least-squares')`, whose definition says the same and whose grid and weights are not published.
+/// The search starts from exp(s·Ts), from Tustin's poles, and from these with a pole near −1. Further starts are the best of a fixed sequence of pole
+/// positions. The result is the lowest minimum. Where the lowest point lies on the unit circle or at infinity, the result is [`ModelError::NotConverged`]. One
+/// input, one output.
+/// Source: MATLAB `c2d(…, 'least-squares')` has the same definition; its grid and weights are not published.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LeastSquares {
@@ -32,11 +33,11 @@ impl Default for LeastSquares {
     }
 }
 
-/// Pole positions that are looked at besides those of the model.
+/// Tested pole positions in addition to those of the model.
 const POSITIONS: usize = 240;
-/// How many of them a search starts from.
+/// Number of them used as starts.
 const STARTS: usize = 24;
-/// A pole this close to the unit circle is on it.
+/// A pole within this distance of the unit circle is on it.
 const ON_CIRCLE: f64 = 1e-9;
 /// 1/z of a pole outside the circle below which the pole counts as infinite.
 const INFINITE: f64 = 1e-9;
@@ -88,15 +89,14 @@ impl Conversion for LeastSquares {
     }
 }
 
-/// H = N(δ)/(A(δ)·Ā(μ)·F(δ)), up to the factor zᵏ of Ā, which has magnitude 1: A holds the poles inside the circle, Ā those outside, F those on it.
+/// H = N(δ)/(A(δ)·Ā(μ)·F(δ)), up to the factor zᵏ of Ā, which has magnitude 1. A contains the poles inside the circle, Ā those outside, F those on it.
 ///
-/// δ = (z − 1)/scale and μ = (1/z − 1)/scale. Coefficients in z lose their digits to each other where poles crowd at z = 1. In 1/z a pole that moves
-/// to infinity and returns on the other side of the axis meets no singularity. The numerator is linear, so only A and Ā are searched (variable
-/// projection).
+/// δ = (z − 1)/scale and μ = (1/z − 1)/scale. Coefficients in z lose digits by cancellation for poles close to z = 1. In 1/z a pole that moves through infinity
+/// to the other side of the axis meets no singularity. The numerator is linear, so the search is over A and Ā only (variable projection).
 struct ResponseFit {
     deltas: Vec<Complex<f64>>,
     mus: Vec<Complex<f64>>,
-    /// The wanted response, real parts above imaginary ones.
+    /// The target response, real parts above imaginary ones.
     target: DVector<f64>,
     /// 1/(zᵏ·F) at every frequency.
     common: Vec<Complex<f64>>,
@@ -106,7 +106,7 @@ struct ResponseFit {
     outside: Vec<Complex<f64>>,
     /// exp(s·Ts) on the circle.
     fixed: Vec<Complex<f64>>,
-    /// The same two groups as Tustin maps them.
+    /// The same two groups mapped by Tustin's rule.
     tustin: [Vec<Complex<f64>>; 2],
     order: usize,
 }
@@ -198,7 +198,7 @@ impl ResponseFit {
         let coefficients = r.solve_upper_triangular(&q.tr_mul(&self.target))?;
         let model = columns * &coefficients;
         let residual = &self.target - &model;
-        // Once more against what rounding left in the space of the columns.
+        // Once more against the rounding error in the column space.
         let residual = &residual - &q * q.tr_mul(&residual);
         Some(Projection { a, b, q, coefficients, model, residual })
     }
@@ -247,7 +247,7 @@ impl ResponseFit {
         let mut best: Option<Fit> = None;
         for start in self.starts() {
             let fit = search.minimise(&start, |theta| self.normal(theta));
-            // What is far above the best is not worth its last digits.
+            // Minima far above the best need no full accuracy.
             let promising = best.as_ref().is_none_or(|b| fit.normal.cost <= b.normal.cost * 1.01);
             if !promising {
                 continue;
@@ -280,7 +280,7 @@ impl ResponseFit {
             starts.truncate(1);
             return starts;
         }
-        // Narrow minima need a pole near −1 next to the model's own, as half a sample of delay asks for.
+        // Narrow minima need a pole near −1 next to the model's own, as for a delay of half a sample.
         for (inside, outside) in [(true, false), (false, true), (true, true)] {
             let group = |roots: &[Complex<f64>], part: bool| {
                 if part { with_alternating_pole(roots) } else { roots.to_vec() }
@@ -294,7 +294,7 @@ impl ResponseFit {
         for round in 0..POSITIONS {
             let draw = sequence.next_point();
             let (first, second) = draw.split_at(self.inside.len());
-            // In turns: both groups anew, or one of them as exp(s·Ts) has it.
+            // Alternately: both groups new, or one of them from exp(s·Ts).
             let inside =
                 if round % 3 == 1 { self.inside.clone() } else { scatter(first, round % 2 == 0) };
             let outside = if round % 3 == 2 {
@@ -400,7 +400,7 @@ fn scatter(numbers: &[f64], pairs: bool) -> Vec<Complex<f64>> {
     points
 }
 
-/// The same points, the first pair drawn apart to its radius and −0.8, or without a pair the last point moved to −0.5.
+/// The same points, with the first pair split into its radius and −0.8, or without a pair the last point moved to −0.5.
 fn with_alternating_pole(points: &[Complex<f64>]) -> Vec<Complex<f64>> {
     let mut moved = points.to_vec();
     let pair = (0..points.len()).find(|&i| points[i].im > 0.0);
@@ -417,7 +417,7 @@ fn with_alternating_pole(points: &[Complex<f64>]) -> Vec<Complex<f64>> {
     moved
 }
 
-/// Points that fill the unit cube evenly, the same ones every time.
+/// Points that fill the unit cube evenly, deterministic.
 ///
 /// Source: Roberts (2018), "The unreasonable effectiveness of quasirandom sequences" (the R sequence, from the generalised golden ratio).
 struct Sequence {

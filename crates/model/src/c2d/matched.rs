@@ -8,8 +8,8 @@ use crate::state_space::{Continuous, Sampled, StateSpace};
 use crate::transfer_function::TransferFunction;
 use deadtime_signal::time::{SampleTime, Samples};
 
-/// z = exp(s·Ts) for poles and zeros; zeros at infinity go to z = −1, all but one; the gain is matched at s = 0, or, where a pole or zero is there,
-/// at the first s = 0.1/Ts, 0.2/Ts, … with none.
+/// z = exp(s·Ts) for poles and zeros; all zeros at infinity but one go to z = −1. The gain is matched at s = 0, or at the first of s = 0.1/Ts, 0.2/Ts, …
+/// without a pole or zero.
 ///
 /// One input, one output; pole-zero pairs are cancelled first.
 /// Source: MATLAB `c2d(…, 'matched')`; Franklin, Powell and Workman (1998), "Digital Control of Dynamic Systems", 3rd ed., section 6.2.
@@ -20,7 +20,7 @@ pub struct ZeroPoleMatching {
     pub fractional_delay_order: usize,
 }
 
-/// A pole and a zero this close (relative) are one that cancels.
+/// A pole and a zero within this relative distance cancel.
 pub(super) const CANCEL: f64 = 1e-9;
 
 impl Conversion for ZeroPoleMatching {

@@ -1,4 +1,4 @@
-//! Fractional delays for conversions that do not carry them themselves.
+//! Fractional delays for conversions that do not represent them.
 
 use nalgebra::{Complex, DMatrix};
 
@@ -7,7 +7,7 @@ use crate::state_space::{Sampled, StateSpace};
 use crate::{cascade, zeros};
 use deadtime_signal::time::{SampleTime, Samples};
 
-/// Puts the delays at the inputs: whole samples, and the rest as Thiran all-pass filters of at most `order` states each.
+/// Moves the delays to the inputs: whole samples, and the fractions as Thiran all-pass filters of at most `order` states each.
 ///
 /// Order 0 rounds to the nearest sample, half a sample up.
 pub(super) fn with_delays(
@@ -27,13 +27,13 @@ pub(super) fn with_delays(
     cascade_inputs(&sys, &filters)?.with_input_delay(whole)
 }
 
-/// A delay as an all-pass filter in sampled time, maximally flat at low frequencies. Without `order` of ⌈delay/sample_time⌉ states, as MATLAB's
-/// `thiran(tau, Ts)`; with it of at most so many, behind whole samples of input delay. A whole number of samples is an input delay alone.
+/// A delay as an all-pass filter in sampled time, maximally flat at low frequencies. Without `order` it has ⌈delay/sample_time⌉ states, as MATLAB's
+/// `thiran(tau, Ts)`; with `order` at most that many, behind whole samples of input delay. A whole number of samples is an input delay alone.
 ///
 /// Source: Thiran (1971), doi:10.1109/TCT.1971.1083363.
 ///
 /// # Errors
-/// [`ModelError::Time`] for a delay that is negative or no number.
+/// [`ModelError::Time`] for a delay that is negative or not finite.
 pub fn thiran(
     delay_s: f64,
     sample_time: SampleTime,
@@ -51,7 +51,7 @@ pub fn thiran(
     cascade_inputs(&gain, &[filter])?.with_input_delay(vec![samples])
 }
 
-/// The whole samples to which a delay is rounded; `None` where a filter of at most `order` states carries its fraction, or it has none.
+/// The whole samples to which a delay is rounded. `None` where a filter of at most `order` states represents its fraction, or it has none.
 pub(super) fn rounded(delay: Samples, order: usize) -> Option<usize> {
     let nearest = nearest(delay);
     (delay.fraction != 0.0 && order.min(nearest) == 0).then_some(nearest)
@@ -66,7 +66,7 @@ fn nearest(delay: Samples) -> usize {
 type AllPass = (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, f64);
 type Filter = Option<AllPass>;
 
-/// Whole samples, and the all-pass filter for the rest.
+/// Whole samples, and the all-pass filter for the fraction.
 fn split(delay: Samples, order: usize) -> Result<(usize, Filter), ModelError> {
     let total = delay.total();
     let nearest = nearest(delay);
@@ -79,8 +79,8 @@ fn split(delay: Samples, order: usize) -> Result<(usize, Filter), ModelError> {
     Ok((pure, Some((a, b, c, d))))
 }
 
-/// The maximally flat all-pass filter of order m whose low-frequency delay is `delay` samples, m − ½ ≤ delay < m + ½:
-/// a_k = (−1)ᵏ C(m,k) Π_{i=0..m} (δ−m+i)/(δ−m+k+i).
+/// The maximally flat all-pass filter of order m with a low-frequency delay of `delay` samples, m − ½ ≤ delay < m + ½. The coefficients are a_k = (−1)ᵏ C(m,k)
+/// Π_{i=0..m} (δ−m+i)/(δ−m+k+i).
 ///
 /// Source: Thiran (1971), IEEE Trans. Circuit Theory 18(6), 659-664, doi:10.1109/TCT.1971.1083363.
 fn all_pass(m: usize, delay: f64) -> Result<AllPass, ModelError> {
@@ -107,7 +107,7 @@ fn all_pass(m: usize, delay: f64) -> Result<AllPass, ModelError> {
     Ok((a, b, c, d[(0, 0)]))
 }
 
-/// The model with a filter in front of each input that has one.
+/// The model with a filter before each input that has one.
 fn cascade_inputs(
     sys: &StateSpace<Sampled>,
     filters: &[Filter],
@@ -140,7 +140,7 @@ fn cascade_inputs(
 mod tests {
     use super::*;
 
-    /// All-pass, and late by its delay at low frequencies, of any order.
+    /// The filters are all-pass with the right low-frequency delay, for any order.
     #[test]
     fn filters_are_late_by_their_delay() {
         let ts = SampleTime::new(0.1).unwrap();

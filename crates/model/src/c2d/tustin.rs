@@ -8,10 +8,10 @@ use crate::error::ModelError;
 use crate::state_space::{Continuous, StateSpace};
 use deadtime_signal::time::{SampleTime, Samples};
 
-/// s → (2/Ts)(z − 1)/(z + 1), in the realisation of scipy and python-control:
-/// M = (I − A·Ts/2)⁻¹, Ad = M(I + A·Ts/2), Bd = Ts·M·B, Cd = C·M, Dd = D + Ts/2·C·M·B.
+/// s → (2/Ts)(z − 1)/(z + 1), in the realisation of scipy and python-control. M = (I − A·Ts/2)⁻¹, Ad = M(I + A·Ts/2), Bd = Ts·M·B, Cd = C·M, Dd = D +
+/// Ts/2·C·M·B.
 ///
-/// Octave's and harold's states are √Ts of these, so an optimal gain K differs between the realisations; the transfer function does not.
+/// Octave's and harold's states are √Ts times these, so an optimal gain K differs between the realisations; the transfer function does not.
 /// Source: Tustin (1947), J. IEE 94(1), 130-142, doi:10.1049/ji-2a.1947.0020.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -43,7 +43,7 @@ impl Conversion for Tustin {
     }
 }
 
-/// s → (z − 1)/(T(αz + 1 − α)), without delays: M = (I − αT·A)⁻¹, Ad = M(I + (1 − α)T·A), Bd = T·M·B, Cd = C·M, Dd = D + αT·C·M·B.
+/// s → (z − 1)/(T(αz + 1 − α)), without delays. M = (I − αT·A)⁻¹, Ad = M(I + (1 − α)T·A), Bd = T·M·B, Cd = C·M, Dd = D + αT·C·M·B.
 pub(super) fn generalised(
     sys: &StateSpace<Continuous>,
     step_s: f64,

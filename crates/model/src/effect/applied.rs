@@ -1,4 +1,4 @@
-//! An effect on a channel with values for its parameters, and a list of them as a plan.
+//! An effect on a channel with values for its parameters, and a list of such effects as a plan.
 
 use super::definition::{Effect, OnChannel, Site};
 use super::effects::{EFFECTS, find};
@@ -9,18 +9,18 @@ use crate::file::channel::EffectEntry;
 use crate::simulate::plan::{Delays, Drops, Losses, Plan, Realisation};
 use crate::simulate::system::System;
 
-/// No size of a parameter is beyond this.
+/// Upper bound of any parameter.
 const BOUNDLESS: f64 = 1e50;
 
-/// What random effects do; known, one sequence per input.
+/// The random sequences of the effects; when given, one per input.
 pub type Chance<'a> = Realisation<&'a [Option<Fates>]>;
 
-/// What became of the commands of an input, one for each sample of the log.
+/// The latent sequence of an input's commands, one entry for each sample of the log.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fates {
-    /// In which samples the command that was sent was not yet or never there.
+    /// Samples in which the sent command was late or lost.
     Missing(Vec<bool>),
-    /// By how much each was late, seconds.
+    /// The delay of each command, s.
     Late(Vec<f64>),
 }
 
@@ -29,7 +29,7 @@ pub enum Fates {
 pub struct Applied {
     /// The effect.
     pub effect: &'static dyn Effect,
-    /// Where it acts.
+    /// Its channel.
     pub channel: String,
     /// Its parameters on this channel.
     pub parameters: Vec<Parameter>,
@@ -47,7 +47,7 @@ impl Applied {
     /// The effect at its nominal parameters: the identity.
     ///
     /// # Errors
-    /// [`EffectError::Channel`], [`EffectError::Sampled`] or [`EffectError::BlackBox`] where it cannot act there.
+    /// [`EffectError::Channel`], [`EffectError::Sampled`] or [`EffectError::BlackBox`] where the effect cannot act there.
     pub fn nominal(system: &System, effect: &'static dyn Effect, channel: &str) -> Result<Self> {
         if system.is_sampled() && effect.site() == Site::Dynamics {
             return Err(EffectError::Sampled { effect: effect.name() });
@@ -65,7 +65,7 @@ impl Applied {
         OnChannel { effect: self.effect, system, channel: &self.channel }
     }
 
-    /// The same, searched no further down than these logs can show.
+    /// The same, with the search bounded to values that these logs can reveal.
     #[must_use]
     pub fn shown_by(mut self, system: &System, scales: &Scales) -> Self {
         let least = self.effect.least(self.on(system), scales);
@@ -75,7 +75,7 @@ impl Applied {
         self
     }
 
-    /// First guesses of the parameters from sizes of the data; those that come of a division by a motion that is none are left out.
+    /// Initial parameters from sizes of the data; those from a division by zero motion are left out.
     #[must_use]
     pub fn starts(&self, system: &System, scales: &Scales) -> Vec<Vec<f64>> {
         let mut starts = self.effect.starts(self.on(system), scales);
@@ -93,7 +93,7 @@ impl Applied {
     /// From an entry of a model file.
     ///
     /// # Errors
-    /// [`EffectError`]: an unknown effect, channel or parameter, one that is missing or outside its bounds.
+    /// [`EffectError`] for an unknown effect, channel or parameter, and for a parameter that is missing or outside its bounds.
     pub fn from_entry(system: &System, entry: &EffectEntry) -> Result<Self> {
         let mut applied = Self::nominal(system, find(&entry.effect)?, &entry.channel)?;
         let (effect, channel) = (applied.effect.name(), applied.channel.clone());
@@ -138,7 +138,7 @@ impl Applied {
         }
     }
 
-    /// The bounds of a parameter in a search.
+    /// The search bounds of a parameter.
     #[must_use]
     pub fn range(&self, at: usize, scales: &Scales) -> (f64, f64) {
         self.parameters[at].range(scales)
@@ -185,7 +185,7 @@ impl Applied {
         self.effect.apply(self.on(system), &self.values, plan)
     }
 
-    /// The plan of a system with these effects, in the order in which the table lists them whatever theirs.
+    /// The plan of a system with these effects, in the order of the table instead of the list.
     ///
     /// # Errors
     /// [`EffectError`] for values outside their bounds.

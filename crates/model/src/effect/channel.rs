@@ -11,7 +11,7 @@ use crate::simulate::plan::Source;
 use crate::simulate::simulator::Port;
 use crate::simulate::system::{Dynamics, System};
 
-/// A parameter without bounds: a size, or a limit where it is infinite when nominal.
+/// A parameter without bounds: a size, or a limit that is infinite when nominal.
 pub(super) fn free(name: impl Into<Cow<'static, str>>, unit: String, nominal: f64) -> Parameter {
     let role = if nominal.is_infinite() { Role::Limit } else { Role::Size };
     Parameter {
@@ -24,7 +24,7 @@ pub(super) fn free(name: impl Into<Cow<'static, str>>, unit: String, nominal: f6
     }
 }
 
-/// A parameter that is not negative.
+/// A nonnegative parameter.
 pub(super) fn not_negative(
     name: impl Into<Cow<'static, str>>,
     unit: String,
@@ -64,13 +64,13 @@ pub(super) fn per(port: &Port, other: &str) -> String {
     }
 }
 
-/// One unit over another, as of a gain between channels.
+/// The unit of one port over that of another, as of a gain between channels.
 pub(super) fn ratio(to: &Port, from: &Port) -> String {
     if to.unit == from.unit { "1".to_owned() } else { format!("({})/({})", unit(to), unit(from)) }
 }
 
 impl<'a> OnChannel<'a> {
-    /// The channel is none on which the effect can act.
+    /// The error for a channel on which the effect cannot act.
     pub(super) fn unknown(self) -> EffectError {
         EffectError::Channel {
             effect: self.effect.name(),
@@ -95,22 +95,22 @@ impl<'a> OnChannel<'a> {
         self.place(&self.system.outputs)
     }
 
-    /// How far the input goes.
+    /// The spread of the input.
     pub(super) fn input_spread(self, scales: &Scales) -> Option<&Spread> {
         scales.inputs.get(self.input().ok()?)
     }
 
-    /// How far the output goes.
+    /// The spread of the output.
     pub(super) fn output_spread(self, scales: &Scales) -> Option<&Spread> {
         scales.outputs.get(self.output().ok()?)
     }
 
-    /// How fast the state moves: the rms of its derivative.
+    /// The rms of the state's derivative.
     pub(super) fn derivative(self, scales: &Scales) -> Option<f64> {
         scales.derivatives.get(self.state().ok()?).copied()
     }
 
-    /// The outputs that a name or `*` means.
+    /// The outputs of a name or `*`.
     pub(super) fn outputs(self) -> Result<Vec<usize>> {
         if self.channel == ALL {
             Ok((0..self.system.outputs.len()).collect())
@@ -165,7 +165,7 @@ pub(super) fn arrows(ports: &[Port]) -> Vec<String> {
     ports.iter().flat_map(to).collect()
 }
 
-/// `a<->b` for every two of these ports that have one unit.
+/// `a<->b` for every two of these ports with one unit.
 pub(super) fn alike(ports: &[Port]) -> Vec<String> {
     let with = |(at, a): (usize, &Port)| {
         let others = ports[at + 1..].iter().filter(|b| a.unit == b.unit);
@@ -174,13 +174,12 @@ pub(super) fn alike(ports: &[Port]) -> Vec<String> {
     ports.iter().enumerate().flat_map(with).collect()
 }
 
-/// How far two channels are swapped.
+/// The share of a swap of two channels.
 pub(super) fn share() -> Parameter {
     Parameter { upper: 1.0, ..not_negative("share", "1".to_owned(), 0.0) }
 }
 
-/// The channels of an effect that outputs may share: each output and `*`, or `*` alone where there
-/// is one.
+/// The channels of an effect that outputs may share: each output and `*`, or `*` alone for a single output.
 pub(super) fn shared(system: &System) -> Vec<String> {
     let mut channels = if system.outputs.len() > 1 { names(&system.outputs) } else { Vec::new() };
     channels.push(ALL.to_owned());
@@ -200,7 +199,7 @@ pub fn depends(system: &System, to: usize, from: Source) -> bool {
         (Dynamics::Equations(equations, _), Source::State(j)) => {
             equations.derivative_depends(to, Wrt::States, j)
         }
-        // Not known, so nothing can be said to be missing.
+        // The dependence is unknown, so nothing counts as missing.
         (Dynamics::BlackBox(..), _) => true,
         (Dynamics::Equations(equations, _), Source::Input(j)) => {
             equations.derivative_depends(to, Wrt::Inputs, j)
@@ -213,15 +212,14 @@ pub(super) fn both_signs(sizes: impl IntoIterator<Item = f64>) -> Vec<Vec<f64>> 
     sizes.into_iter().flat_map(|v| [vec![v], vec![-v]]).collect()
 }
 
-/// The time of the log from which on something is otherwise.
+/// The log time of a change.
 pub(super) fn instant() -> Parameter {
     Parameter { role: Role::Instant, ..not_negative("time", "s".to_owned(), 0.0) }
 }
 
-/// Delays of half a sample, one and a half and so on up to the longest looked for: through a direct
-/// path, and with fast edges, the cost has a minimum per sample.
+/// Delays of half a sample, one and a half and so on up to the longest in the search. A direct path or fast edges give the cost one minimum per sample.
 pub(super) fn delays(scales: &Scales) -> Vec<Vec<f64>> {
-    // Not more than 40 of them, however long the longest.
+    // At most 40 of them, for any longest delay.
     let step = scales.sample_time_s.max(scales.longest_delay_s / 40.0);
     let mut delay = 0.5 * step;
     let mut delays = Vec::new();
@@ -232,7 +230,7 @@ pub(super) fn delays(scales: &Scales) -> Vec<Vec<f64>> {
     delays
 }
 
-/// Time constants from below a sample to the longest delay looked for, one per octave.
+/// Time constants from below a sample to the longest delay of the search, one per octave.
 pub(super) fn times(scales: &Scales) -> Vec<Vec<f64>> {
     let mut times = Vec::new();
     let mut time = 0.5 * scales.sample_time_s;

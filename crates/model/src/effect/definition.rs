@@ -1,4 +1,4 @@
-//! What an effect is.
+//! The definition of an effect.
 
 use super::error::Result;
 use super::parameter::Parameter;
@@ -7,7 +7,7 @@ use crate::simulate::plan::Plan;
 use crate::simulate::simulator::Port;
 use crate::simulate::system::System;
 
-/// Where an effect acts.
+/// The site of an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Site {
@@ -34,43 +34,39 @@ impl Site {
     }
 }
 
-/// What holds for an effect on every channel.
+/// The properties of an effect that are common to all channels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Facts {
     /// Its name in files.
     pub name: &'static str,
-    /// Where it acts.
+    /// Its site.
     pub site: Site,
-    /// What it is, in one line.
+    /// A summary in one line.
     pub summary: &'static str,
-    /// Which channels it can act on, in words.
+    /// The channels on which it can act, in words.
     pub rule: &'static str,
-    /// It changes equations: a simulator that can only be called has none at hand.
+    /// The effect changes equations, which a black-box simulator does not provide.
     pub needs_equations: bool,
-    /// It is there only where a model declares it: nobody misses it elsewhere.
+    /// The effect exists only where a model declares it; the search does not add it.
     pub is_declared: bool,
-    /// Even the right parameters leave a residual: noise decides what it does to single samples.
+    /// A residual remains with exact parameters: noise decides its effect on single samples.
     pub leaves_residual: bool,
-    /// How it makes commands late, where it does that and nothing else.
+    /// The kind of lateness of an effect that only makes commands late.
     pub lateness: Option<Lateness>,
-    /// It changes a number that the model already has: all of them together are what a model that
-    /// is a little off may be off by.
+    /// The effect changes a parameter of the model; together these effects are the joint recalibration of all parameters.
     pub corrects_model: bool,
-    /// It adds a constant and does nothing else, in proportion to its one parameter: what may be
-    /// another in every log, as a trim is.
+    /// The effect adds a constant in proportion to its one parameter. Such a constant may differ between logs, as a trim does.
     pub is_constant: bool,
-    /// The special case of which it is the general form: the same effect on a channel at some of its
-    /// parameters, or indistinguishable in as many logs as one likes.
+    /// Its special case, which it generalises: the same effect on a channel at some of its parameters, or an alias for any number of logs.
     pub elaborates: Option<&'static str>,
-    /// How it changes with log time what the plainer form holds still; first guesses of it come of
-    /// a scan of the logs.
+    /// The change with log time of the value that is constant in the special case; a scan of the logs gives its initial values.
     pub changes: Option<Change>,
-    /// What tells it from effects that are like it; `None` where that depends on the case.
+    /// The property that distinguishes the effect from its aliases; `None` where that depends on the case.
     pub told_by: Option<Telling>,
 }
 
 impl Facts {
-    /// Those of an effect of which nothing else is to be said.
+    /// The properties of an effect with defaults for all others.
     #[must_use]
     pub const fn of(name: &'static str, site: Site, summary: &'static str) -> Self {
         Self {
@@ -96,46 +92,43 @@ impl Facts {
     }
 }
 
-/// How an effect varies with log time what a plainer one holds still.
+/// The change of a value with log time that is constant in the special case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
-    /// From a time on another value. Its parameters: the value before, the time, the value from
-    /// then on.
+    /// A step at a time. Parameters: the value before, the time, the value from then on.
     Jump,
-    /// Evenly. Its parameters: the value at the start of the log, and its rate.
+    /// A constant rate. Parameters: the value at the start of the log, and its rate.
     Drift,
 }
 
-/// What tells an effect from others that are like it.
+/// The property that distinguishes an effect from its aliases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Telling {
-    /// It changes with the amplitude, or with the direction of motion.
+    /// Its dependence on the amplitude, or on the direction of motion.
     Amplitude,
-    /// It is a constant or a slow change: another operating point and a known start.
+    /// It is a constant or a slow change: another operating point and a known initial state distinguish it.
     OperatingPoint,
-    /// It shows at high frequencies.
+    /// Its visibility at high frequencies.
     Bandwidth,
 }
 
-/// How an effect makes commands late, for one that does nothing else; each says what its parameters
-/// are, in their order.
+/// The kinds of lateness of commands, for effects without any other action. Each kind lists its parameters in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lateness {
-    /// All by the same time: the delay, seconds.
+    /// One delay for all: the delay, s.
     Fixed,
-    /// Smeared by a first-order lag: the time constant, seconds.
+    /// A first-order lag: the time constant, s.
     Lag,
-    /// Until the next turn of a slower loop: its period and its phase, seconds.
+    /// Until the next cycle of a slower loop: its period and its phase, s.
     SlowerLoop,
-    /// Some never arrive, and the one before holds on: the part of them, 1.
+    /// Some are lost, and the previous one is held: their share, 1.
     Lost,
-    /// Each by a draw of its own: mean and standard deviation of the delay, seconds, and 1 where
-    /// they keep their order.
+    /// One random delay per command: mean and standard deviation, s, and 1 where commands keep their order.
     Random,
 }
 
 impl Lateness {
-    /// What happens to the single command is a hidden sequence, which only outputs reveal.
+    /// Each command's lateness is a latent sequence, visible only in the outputs.
     #[must_use]
     pub fn is_hidden(self) -> bool {
         matches!(self, Self::Lost | Self::Random)
@@ -145,7 +138,7 @@ impl Lateness {
 /// All outputs.
 pub(super) const ALL: &str = "*";
 
-/// A channel of a system, named to an effect.
+/// A channel of a system, as given to an effect.
 #[derive(Clone, Copy)]
 pub struct OnChannel<'a> {
     /// The effect.
@@ -163,9 +156,9 @@ pub(super) fn names(ports: &[Port]) -> Vec<String> {
 
 /// An effect.
 pub trait Effect: Sync {
-    /// What holds on every channel.
+    /// The properties common to all channels.
     fn facts(&self) -> Facts;
-    /// The channels of this system that it can act on.
+    /// The channels of this system on which it can act.
     fn channels(&self, system: &System) -> Vec<String> {
         match self.site() {
             Site::Input => names(&system.inputs),
@@ -177,79 +170,74 @@ pub trait Effect: Sync {
     /// Its parameters on this channel.
     ///
     /// # Errors
-    /// [`EffectError`](super::error::EffectError) for a channel that it cannot act on.
+    /// [`EffectError`](super::error::EffectError) for a channel on which it cannot act.
     fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>>;
-    /// First guesses of the parameters; each is a full set. Sizes of the data give them, or a scan
-    /// of the logs.
+    /// Initial parameters; each entry is a full set. Sizes of the data or a scan of the logs give the values.
     fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         let found =
             scales.scanned.iter().find(|s| s.effect == self.name() && s.channel == on.channel);
         found.map(|s| s.starts.clone()).unwrap_or_default()
     }
-    /// The smallest values that a search may take, one per parameter; empty: those of the
-    /// parameters. Below what samples resolve, a general form is indistinguishable from its
-    /// special case, and simulates ever more slowly.
+    /// The lower bounds of a search, one per parameter; empty: those of the parameters. Below the resolution of the samples, a general form is
+    /// indistinguishable from its special case, and its simulation slower.
     fn least(&self, _: OnChannel<'_>, _: &Scales) -> Vec<f64> {
         Vec::new()
     }
-    /// Further first guesses for a cost with many minima: for a candidate alone,
-    /// not for one of several.
+    /// Further initial values for a cost with many minima: for a candidate alone, not for one of several.
     fn scan(&self, _: &Scales) -> Vec<Vec<f64>> {
         Vec::new()
     }
-    /// The parameters make it the identity: those of its size are nominal, whatever its shape.
+    /// The parameters make the effect the identity: its sizes are nominal, for any shape.
     fn is_identity(&self, values: &[f64], parameters: &[Parameter]) -> bool {
         values.iter().zip(parameters).all(|(v, p)| p.role.is_shape() || *v == p.nominal)
     }
-    /// The values with which it does what a column does that is logged as so many times what the
-    /// channel is: a wrong sign (−1), or a wrong unit.
+    /// The values that represent a channel logged with this factor: a wrong sign (−1), or a wrong unit.
     fn of_factor(&self, _: f64) -> Option<Vec<f64>> {
         None
     }
-    /// Parameters that mean the same written in the one usual way.
+    /// Equivalent parameters in the canonical form.
     fn canonical(&self, values: Vec<f64>) -> Vec<f64> {
         values
     }
-    /// Adds its hooks. Only called away from the identity and inside the bounds.
+    /// Adds its hooks. Called only away from the identity and inside the bounds.
     ///
     /// # Errors
-    /// [`EffectError`](super::error::EffectError) for a channel that it cannot act on.
+    /// [`EffectError`](super::error::EffectError) for a channel on which it cannot act.
     fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()>;
 
     /// Its name in files.
     fn name(&self) -> &'static str {
         self.facts().name
     }
-    /// Where it acts.
+    /// Its site.
     fn site(&self) -> Site {
         self.facts().site
     }
-    /// How it makes commands late, where it does that and nothing else.
+    /// The kind of lateness of an effect that only makes commands late.
     fn lateness(&self) -> Option<Lateness> {
         self.facts().lateness
     }
-    /// What it does to single samples is a hidden sequence of lost or late commands, which outputs
-    /// reveal.
+    /// Its effect on single samples is a latent sequence of lost or late commands, visible in the outputs.
     fn loses_commands(&self) -> bool {
         self.lateness().is_some_and(Lateness::is_hidden)
     }
-    /// Even the right parameters leave a residual.
+    /// A residual remains with exact parameters.
     fn leaves_residual(&self) -> bool {
         self.facts().leaves_residual
     }
-    /// It changes a number that the model already has.
+    /// The effect changes a parameter of the model.
     fn corrects_model(&self) -> bool {
         self.facts().corrects_model
     }
-    /// It adds a constant and does nothing else.
+    /// The effect only adds a constant.
     fn is_constant(&self) -> bool {
         self.facts().is_constant
     }
-    /// The special case of which it is the general form.
+    /// The special case that it generalises.
     fn elaborates(&self) -> Option<&'static str> {
         self.facts().elaborates
     }
-    /// How it changes with log time what [`Effect::elaborates`] holds still.
+    /// The change with log time of the value that is constant in [`Effect::elaborates`].
     fn changes(&self) -> Option<Change> {
         self.facts().changes
     }

@@ -4,7 +4,7 @@ use super::definition::{Effect, Lateness};
 use super::error::{EffectError, Result};
 use super::{clock, dynamics, input, output};
 
-/// All effects, in the order of the format's table: of equals the first one leads.
+/// All effects, in the order of the format's table; among equivalent effects the first has priority.
 pub static EFFECTS: [&dyn Effect; 49] = [
     &input::delay::InputDelay,
     &input::delay_jump::DelayJump,
@@ -57,7 +57,7 @@ pub static EFFECTS: [&dyn Effect; 49] = [
     &clock::offset::ClockOffset,
 ];
 
-/// The place of an effect in the table.
+/// The row of an effect in the table.
 #[must_use]
 pub fn row(effect: &dyn Effect) -> usize {
     EFFECTS.iter().position(|e| e.name() == effect.name()).unwrap_or(EFFECTS.len())
@@ -66,7 +66,7 @@ pub fn row(effect: &dyn Effect) -> usize {
 /// The effect called `name`.
 ///
 /// # Errors
-/// [`EffectError::Unknown`], with the names there are.
+/// [`EffectError::Unknown`], with the known names.
 pub fn find(name: &str) -> Result<&'static dyn Effect, EffectError> {
     EFFECTS.iter().find(|e| e.name() == name).copied().ok_or_else(|| EffectError::Unknown {
         name: name.to_owned(),
@@ -75,7 +75,7 @@ pub fn find(name: &str) -> Result<&'static dyn Effect, EffectError> {
 }
 
 impl Lateness {
-    /// The effect that makes commands late in this way.
+    /// The effect for this kind of lateness.
     ///
     /// # Errors
     /// [`EffectError::Unknown`] where the table has none.

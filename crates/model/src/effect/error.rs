@@ -14,7 +14,7 @@ pub enum EffectError {
     Unknown {
         /// The name given.
         name: String,
-        /// The names there are.
+        /// The known names.
         known: Vec<&'static str>,
     },
     /// The effect cannot act on this channel.
@@ -24,7 +24,7 @@ pub enum EffectError {
         effect: &'static str,
         /// The channel given.
         channel: String,
-        /// The channels there are.
+        /// The valid channels.
         known: Vec<String>,
     },
     /// A dynamics effect on a sampled model.
@@ -33,7 +33,7 @@ pub enum EffectError {
         /// The effect.
         effect: &'static str,
     },
-    /// A dynamics effect on a simulator that can only be called.
+    /// A dynamics effect on a black-box simulator.
     #[error("{effect} acts on the equations of a model; this simulator can only be called")]
     BlackBox {
         /// The effect.
@@ -48,10 +48,10 @@ pub enum EffectError {
         channel: String,
         /// The parameter given.
         parameter: String,
-        /// The parameters there are.
+        /// The valid parameters.
         known: Vec<String>,
     },
-    /// A parameter that has no default is left out.
+    /// A parameter without a default is missing.
     #[error(
         "{effect} on `{channel}`: parameter `{parameter}` is missing; only a limit that does not act may be left out"
     )]
@@ -74,12 +74,12 @@ pub enum EffectError {
         parameter: String,
         /// The value given.
         value: f64,
-        /// Smallest allowed.
+        /// Lower bound.
         lower: f64,
-        /// Largest allowed.
+        /// Upper bound.
         upper: f64,
     },
-    /// Limits that leave nothing between them.
+    /// Limits without a value between them.
     #[error(
         "{effect} on `{channel}`: lower is {lower}, upper is {upper}; lower must be the smaller one"
     )]

@@ -1,7 +1,7 @@
 //! The effects that a simulator may lack, one file each: delays, dead zones, friction, wrong parameters, sensors, clocks.
 //!
-//! An effect turns its parameters into hooks of a [`Plan`](crate::simulate::plan::Plan); at its nominal parameters it adds none, so the simulation is the same to the bit. The order in
-//! which hooks act is the plan's, whatever the order of a list of effects.
+//! An effect turns its parameters into hooks of a [`Plan`](crate::simulate::plan::Plan). At its nominal parameters it adds none, so the simulation is identical
+//! to the bit. The plan defines the order in which hooks act, not the order of a list of effects.
 
 pub(crate) mod applied;
 mod channel;

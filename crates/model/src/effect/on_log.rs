@@ -19,7 +19,7 @@ use deadtime_signal::progress::HowFar;
 use deadtime_signal::time::TimeError;
 use deadtime_signal::{Noise, NoiseColour, NoiseScaling, SignalError, stats};
 
-/// Tight: a simulation on paper is to differ from a measurement by the model alone.
+/// Tight, so that the simulation error is negligible against the difference between model and measurement.
 const TOLERANCE: Tolerance = Tolerance {
     relative: 1e-9,
     absolute: 1e-12,
@@ -28,7 +28,7 @@ const TOLERANCE: Tolerance = Tolerance {
     past_samples: false,
 };
 
-/// Where model and log both give a unit, it is the same.
+/// Checks that the units of model and log agree where both give one.
 ///
 /// # Errors
 /// [`LogError`] naming the channel.
@@ -40,10 +40,10 @@ pub fn check_units(model: &ModelDocument, log: &Log) -> Result<(), LogError> {
         .try_for_each(|c| log.check_unit(&c.name, c.unit.as_deref()))
 }
 
-/// Why a simulated output has no error against the measured one.
+/// The reason for a missing error of a simulated output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Still {
-    /// The measured channel stands still, so that nothing scales its error.
+    /// The measured channel is constant, so that its error has no scale.
     Stands,
     /// The log has the channel but no sample of it.
     Empty,
@@ -55,19 +55,19 @@ pub struct OnLog<'a> {
     model: &'a ModelDocument,
     log: &'a Log,
     system: System,
-    /// How the inputs run between samples.
+    /// The hold of the inputs between samples.
     pub hold: Hold,
-    /// Seed of all chance: the noise, and the losses of dropped commands.
+    /// Seed of all random sequences: the noise, and the losses of dropped commands.
     pub seed: u64,
-    /// Where it is said how far the simulation is.
+    /// Progress of the simulation.
     pub far: HowFar,
 }
 
 impl<'a> OnLog<'a> {
-    /// The two together; an operating point that is `"mean"` is the log's.
+    /// The model and the log together; an operating point of `"mean"` is the log's.
     ///
     /// # Errors
-    /// [`crate::error::ModelError`] for a file that describes no model, [`LogError`] where the log has not what the operating points ask for.
+    /// [`crate::error::ModelError`] for an invalid model file, [`LogError`] where the log lacks a channel of the operating points.
     pub fn new(model: &'a ModelDocument, log: &'a Log) -> Result<Self> {
         let system = System::new(model, |channel| {
             let measured = log.output(channel)?;
@@ -76,7 +76,7 @@ impl<'a> OnLog<'a> {
         Ok(Self { model, log, system, hold: Hold::Zero, seed: 1, far: HowFar::default() })
     }
 
-    /// A delay of an input on top of the model's own, seconds.
+    /// Adds a delay of an input to the model's own, s.
     ///
     /// # Errors
     /// [`SimulateError::SampledDelay`], [`SimulateError::NoInput`], [`TimeError::Delay`] where the sum is negative or not finite.
@@ -100,7 +100,8 @@ impl<'a> OnLog<'a> {
     /// The response to the log's inputs.
     ///
     /// # Errors
-    /// [`SimulateError`], [`super::error::EffectError`], [`LogError`] for an input that misses samples, [`TimeError`] for a log off a sampled model's grid.
+    /// [`SimulateError`], [`super::error::EffectError`], [`LogError`] for an input with missing samples, [`TimeError`] for a log off a sampled model's
+    /// grid.
     pub fn response(&self) -> Result<Response> {
         match self.model {
             ModelDocument::Lti(file) if file.effects.is_empty() => self.linear(file),
@@ -108,7 +109,7 @@ impl<'a> OnLog<'a> {
         }
     }
 
-    /// A bare linear model.
+    /// A linear model without effects.
     fn linear(&self, model: &ModelFile) -> Result<Response> {
         let (log, system) = (self.log, &self.system);
         let mut u = DMatrix::zeros(log.len(), system.inputs.len());
@@ -167,10 +168,10 @@ impl<'a> OnLog<'a> {
         Ok(Response { y: run.y, x: run.x })
     }
 
-    /// A log of the model's inputs and its response, called `source`; with the states where they are wanted, and with white noise at a ratio of variances.
+    /// A log of the model's inputs and its response, called `source`. Options add the states, and white noise at a ratio of variances.
     ///
     /// # Errors
-    /// [`SignalError::Noise`] for a signal that stands still, [`LogError`] for inputs that miss samples.
+    /// [`SignalError::Noise`] for a constant signal, [`LogError`] for inputs with missing samples.
     pub fn to_log(
         &self,
         response: &Response,
@@ -195,7 +196,7 @@ impl<'a> OnLog<'a> {
             .zip(response.y.column_iter());
         let states = self.model.states().zip(response.x.column_iter()).filter(|_| states);
         for ((name, unit), values) in outputs.chain(states) {
-            // An output that is an input or a state is there already.
+            // An output that is an input or a state already exists.
             if channels.iter().any(|c| c.name() == name) {
                 continue;
             }
@@ -212,10 +213,10 @@ impl<'a> OnLog<'a> {
         Ok(Log::new(source, self.log.time_s().to_vec(), channels)?)
     }
 
-    /// The nrmse of those outputs that the log has: rms(measured − simulated)/std(measured) over the samples there are.
+    /// The nrmse of the outputs in the log: rms(measured − simulated)/std(measured) over the measured samples.
     ///
     /// # Errors
-    /// [`LogError`] for a column that holds something else than numbers.
+    /// [`LogError`] for a column that is not numeric.
     pub fn nrmse(&self, response: &Response) -> Result<Vec<(&'a str, Result<f64, Still>)>> {
         let mut comparison = Vec::new();
         for (c, simulated) in self.model.outputs().iter().zip(response.y.column_iter()) {
@@ -245,7 +246,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     stats::mean(values).unwrap_or(0.0)
 }
 
-/// Of pairs (simulated, measured); `None` where the measurement stands still.
+/// For pairs (simulated, measured); `None` for a constant measurement.
 fn nrmse(pairs: &[(f64, f64)]) -> Option<f64> {
     let centre = mean(pairs.iter().map(|p| p.1));
     let variance = mean(pairs.iter().map(|p| (p.1 - centre).powi(2)));

@@ -1,21 +1,21 @@
-//! A parameter of an effect: what it is for, how far it is searched and in which steps.
+//! A parameter of an effect: its role, its search bounds and its steps.
 
 use std::borrow::Cow;
 
 use super::scales::Scales;
 
-/// What a parameter is for. It decides how far a search goes and how small a change matters.
+/// The role of a parameter. The role defines the bounds of a search and the size of a relevant change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// A dead time, s.
     Delay,
-    /// The period of something that is late by half of it on average, s.
+    /// The period of an effect with a mean delay of half a period, s.
     Period,
     /// The time constant of a lag, s.
     TimeConstant,
     /// A difference between clocks, s, of either sign.
     Clock,
-    /// A time of the log at which something changes, s.
+    /// A log time at which a value changes, s.
     Instant,
     /// A frequency, Hz.
     Frequency,
@@ -23,16 +23,16 @@ pub enum Role {
     Damping,
     /// A phase, rad.
     Phase,
-    /// Where something ends; infinite when nominal.
+    /// A limit; infinite when nominal.
     Limit,
-    /// Another number that says what an effect is like, not how large it is.
+    /// Another parameter that describes the kind of an effect instead of its size.
     Shape,
-    /// How large the effect is.
+    /// The size of the effect.
     Size,
 }
 
 impl Role {
-    /// It says what an effect is like, not how large it is: as an effect fades, it keeps its value.
+    /// The parameter describes the kind of an effect: it keeps its value as the effect vanishes.
     #[must_use]
     pub fn is_shape(self) -> bool {
         matches!(self, Self::Instant | Self::Frequency | Self::Damping | Self::Phase | Self::Shape)
@@ -52,18 +52,18 @@ pub struct Parameter {
     pub name: Cow<'static, str>,
     /// Its unit.
     pub unit: String,
-    /// What it is for.
+    /// Its role.
     pub role: Role,
-    /// Where the effect is the identity; infinite for a limit.
+    /// The value at which the effect is the identity; infinite for a limit.
     pub nominal: f64,
-    /// The smallest value that makes sense.
+    /// The smallest valid value.
     pub lower: f64,
-    /// The largest.
+    /// The largest valid value.
     pub upper: f64,
 }
 
 impl Parameter {
-    /// The bounds of a search: its own, and what these logs can show at all.
+    /// The bounds of a search: its own, restricted to values that these logs can reveal.
     #[must_use]
     pub fn range(&self, scales: &Scales) -> (f64, f64) {
         let (lower, upper) = match self.role {
@@ -80,12 +80,12 @@ impl Parameter {
         (lower.max(self.lower), upper.min(self.upper))
     }
 
-    /// How far a value is from doing nothing; of a limit, its size.
+    /// The distance of a value from the identity; for a limit, its magnitude.
     fn distance(&self, value: f64) -> f64 {
         if self.nominal.is_finite() { (value - self.nominal).abs() } else { value.abs() }
     }
 
-    /// How far a value is from where the effect is the identity. A shape's nominal value is no such place: its size counts, as that of a limit.
+    /// The distance of a value from that of the identity. A shape's nominal value is no identity: its magnitude is used, as that of a limit.
     #[must_use]
     pub fn departure(&self, value: f64) -> f64 {
         if self.role.is_shape() { value.abs() } else { self.distance(value) }
@@ -97,7 +97,7 @@ impl Parameter {
         let least =
             if self.role.is_time() { 0.01 * scales.sample_time_s } else { 1e-6 * value.abs() };
         if self.role == Role::Instant {
-            // A command that is held hides where in between the change was.
+            // A held command hides the exact time of a change between its samples.
             return if value + scales.sample_time_s > self.upper {
                 -scales.sample_time_s
             } else {
@@ -108,10 +108,10 @@ impl Parameter {
         if value + step > self.upper { -step } else { step }
     }
 
-    /// The step to either side for a central difference, 1 % of the distance from nominal; `None` where it is not inside the bounds, and for an instant.
+    /// The step to either side for a central difference, 1 % of the distance from nominal. `None` where it is not inside the bounds, and for an instant.
     ///
-    /// The truncation error is h²/6, some 2e-5 of the derivative (Nocedal and Wright 2006, section 8.1, doi:10.1007/978-0-387-40065-5). Simulations need a tolerance that is
-    /// small against what this step moves.
+    /// The truncation error is h²/6, about 2e-5 of the derivative (Nocedal and Wright 2006, section 8.1, doi:10.1007/978-0-387-40065-5). The simulation
+    /// tolerance must be small compared with the effect of this step.
     #[must_use]
     pub fn central_step(&self, value: f64, scales: &Scales) -> Option<f64> {
         let least =
@@ -121,7 +121,7 @@ impl Parameter {
         (inside && self.role != Role::Instant).then_some(step)
     }
 
-    /// A first step for the numerical derivative of a simulator that can only be called, and may be rough.
+    /// An initial step for the numerical derivative of a black-box simulator, which may be rough.
     #[must_use]
     pub fn rough_derivative_step(&self, value: f64, scales: &Scales) -> f64 {
         let least =
@@ -130,7 +130,7 @@ impl Parameter {
         if step > 0.0 { step } else { 1e-9 }
     }
 
-    /// A step to either side that may lead into another minimum of the cost.
+    /// A step to either side that may reach another minimum of the cost.
     #[must_use]
     pub fn leap(&self, value: f64, scales: &Scales) -> f64 {
         match self.role {

@@ -1,17 +1,15 @@
-//! The sizes of the data that first guesses of parameters are made of.
+//! The sizes of the data behind initial parameter values.
 
-/// What a search over parameters may know of the data: the sizes that its first guesses are made
-/// of.
+/// Properties of the data that a search over parameters uses: the sizes behind its initial values.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Scales {
-    /// Mean sample time, seconds.
+    /// Mean sample time, s.
     pub sample_time_s: f64,
-    /// Length of the longest log, seconds.
+    /// Length of the longest log, s.
     pub duration_s: f64,
-    /// The time in which the fastest output of the nominal simulation moves by its standard
-    /// deviation, seconds; 0 where none moves.
+    /// The time in which the fastest output of the nominal simulation moves by its standard deviation, s; 0 where none moves.
     pub timescale_s: f64,
-    /// The longest delay and lag that are looked for, seconds.
+    /// The longest delay and lag of the search, s.
     pub longest_delay_s: f64,
     /// Every input's |u| at quantiles 0.1, 0.25, 0.5, 0.75, 0.9, 1; then its rms, smallest and
     /// largest value, largest change per second.
@@ -26,23 +24,22 @@ pub struct Scales {
     pub outputs: Vec<Spread>,
     /// Frequencies at which the residual is strong, Hz.
     pub peaks_hz: Vec<f64>,
-    /// First guesses of what changes with time, as a scan of the logs suggests them; empty where
-    /// nothing does.
+    /// Initial values for time-varying effects from a scan of the logs; empty without any change.
     pub scanned: Vec<Scanned>,
 }
 
-/// First guesses that come of a scan of the logs, not of sizes.
+/// Initial values from a scan of the logs instead of sizes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Scanned {
     /// The effect.
     pub effect: &'static str,
-    /// Where it acts.
+    /// Its channel.
     pub channel: String,
     /// Full sets of its parameters.
     pub starts: Vec<Vec<f64>>,
 }
 
-/// How far a signal goes.
+/// The spread of a signal.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Spread {
     /// |v| at quantiles 0.1, 0.25, 0.5, 0.75, 0.9 and 1.
@@ -57,6 +54,6 @@ pub struct Spread {
     pub largest: f64,
     /// Largest change from sample to sample, per second.
     pub fastest: f64,
-    /// The step of the lattice on which all values lie, if they lie on one that is coarse.
+    /// The step of the lattice on which all values lie, if there is a coarse one.
     pub lattice: Option<f64>,
 }

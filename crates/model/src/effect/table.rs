@@ -1,4 +1,4 @@
-//! What there is to choose from: all effects in general, and all of them on the channels of one model.
+//! The available effects: all of them in general, and all of them on the channels of one model.
 
 use std::sync::Arc;
 
@@ -16,15 +16,15 @@ use crate::simulate::system::{Dynamics, System};
 /// An effect in general.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Line {
-    /// Where it acts.
+    /// Its site.
     pub site: Site,
     /// Its name.
     pub effect: &'static str,
-    /// Which channels it can act on, in words.
+    /// The channels on which it can act, in words.
     pub channels: &'static str,
-    /// Its parameters. In their units u, x and y stand for the unit of that input, state or output, and `from` for that of the other channel.
+    /// Its parameters. In their units u, x and y represent the unit of that input, state or output, and `from` that of the other channel.
     pub parameters: Vec<Parameter>,
-    /// What it is.
+    /// A summary.
     pub summary: &'static str,
 }
 
@@ -54,7 +54,7 @@ pub fn table() -> Vec<Line> {
     EFFECTS.iter().map(line).collect()
 }
 
-/// A loop with a link between two bodies, two inputs and two outputs, for effects that find no channel in the other one.
+/// A loop with a link between two bodies, two inputs and two outputs, for effects without a channel in the other template.
 fn loop_template() -> Option<System> {
     let symbol = |name: &str, unit: &str| Symbol { name: name.into(), unit: Some(unit.into()) };
     let state = |name: &str, derivative: &str| StateVariable {
@@ -94,7 +94,7 @@ fn loop_template() -> Option<System> {
     })
 }
 
-/// A system whose units are called as its channels.
+/// A system whose units have the names of its channels.
 fn template() -> System {
     let ports = |names: &[&str]| {
         names
@@ -126,7 +126,7 @@ fn template() -> System {
     }
 }
 
-/// Every effect on every channel of a system that it can act on, at its nominal parameters. None acts on the dynamics of a sampled model.
+/// Every effect on every valid channel of a system, at its nominal parameters. Sampled models have no dynamics effects.
 #[must_use]
 pub fn menu(system: &System) -> Vec<Applied> {
     let on_channels = |effect: &&'static dyn Effect| {

@@ -1,24 +1,24 @@
-//! What can be wrong with an equation, and a message that points into it.
+//! Errors in an equation, with messages that point to the position.
 
 /// Equations that cannot be compiled.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EquationError {
-    /// An expression that cannot be understood.
+    /// An invalid expression.
     #[error("{equation}, column {column}: {fault}\n{}", caret(text, *column, *length))]
     Expression {
-        /// Which equation, as `derivatives.speed`.
+        /// The equation, as `derivatives.speed`.
         equation: String,
         /// Its text.
         text: String,
-        /// Where the fault begins, in characters from 1.
+        /// The position of the fault, in characters from 1.
         column: usize,
-        /// How many characters it covers.
+        /// The number of characters that it covers.
         length: usize,
-        /// What is wrong and what to do.
+        /// The fault and its remedy.
         fault: Box<Fault>,
     },
-    /// A name that an expression could not use.
+    /// A name that is not allowed in an expression.
     #[error(
         "the {what} `{name}` cannot stand in an expression: begin with a letter or `_` and go on with letters, digits and `_`"
     )]
@@ -33,54 +33,54 @@ pub enum EquationError {
         "the model has {got} {what}, at most {limit} are allowed; split the model, or write repeated parts as one"
     )]
     TooMany {
-        /// Of what.
+        /// The kind.
         what: &'static str,
-        /// How many there are.
+        /// The number present.
         got: usize,
-        /// How many may be.
+        /// The number allowed.
         limit: usize,
     },
-    /// One name for two things.
+    /// One name with two meanings.
     #[error(
         "`{name}` is {first} and {second}: every name in the equations means one thing, so rename one of them"
     )]
     Clash {
         /// The name.
         name: String,
-        /// What it is first.
+        /// Its first meaning.
         first: &'static str,
-        /// What it is as well.
+        /// Its second meaning.
         second: &'static str,
     },
-    /// A number that must be finite or not negative is neither.
+    /// A value that must be finite or not negative is neither.
     #[error("{what} is {value}: {rule}")]
     Number {
-        /// Which number.
+        /// Its description.
         what: String,
-        /// The number.
+        /// The value.
         value: f64,
-        /// What it must be.
+        /// The rule.
         rule: &'static str,
     },
 }
 
-/// What is wrong at one place of an expression.
+/// The fault at one position of an expression.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
-    /// Nothing there.
+    /// An empty expression.
     #[error("the expression is empty; write a number such as 0 if that is meant")]
     Empty,
-    /// A character that no expression has.
+    /// A character that is not allowed in expressions.
     #[error("{}", meaningless(*found))]
     Character {
         /// The character.
         found: char,
     },
-    /// Digits that are no number.
+    /// Digits that form no number.
     #[error("`{found}` is no number; write it as 12.5 or 1e-3")]
     Number {
-        /// What is written.
+        /// The text.
         found: String,
     },
     /// A name that is neither input, state, parameter nor `time`.
@@ -88,12 +88,12 @@ pub enum Fault {
     UnknownName {
         /// The name.
         name: String,
-        /// The known name that is spelled most like it.
+        /// The known name with the closest spelling.
         closest: Option<String>,
         /// All known names.
         known: Vec<String>,
     },
-    /// A call of something that is no function.
+    /// A call of an unknown function.
     #[error(
         "there is no function `{name}`; {}functions: {} (a product needs its `*`)",
         meant(closest.as_deref()), super::function::names().collect::<Vec<_>>().join(", ")
@@ -101,7 +101,7 @@ pub enum Fault {
     UnknownFunction {
         /// The name.
         name: String,
-        /// The function that is spelled most like it.
+        /// The function with the closest spelling.
         closest: Option<String>,
     },
     /// A function's name without parentheses.
@@ -115,26 +115,26 @@ pub enum Fault {
     Arguments {
         /// The function.
         function: &'static str,
-        /// How many it takes.
+        /// The number required.
         needed: usize,
-        /// How many are given.
+        /// The number given.
         got: usize,
     },
-    /// An operator, comma, closing parenthesis or the end where a value belongs.
+    /// An operator, comma, closing parenthesis or the end instead of a value.
     #[error("{}", misplaced(found.as_deref()))]
     ValueExpected {
-        /// What stands there; `None`: the end.
+        /// The text; `None`: the end.
         found: Option<String>,
     },
-    /// A value where an operator or the end belongs.
+    /// A value instead of an operator or the end.
     #[error(
         "`{found}` follows a value without an operator; put + - * / or ^ between them, or take it out"
     )]
     OperatorExpected {
-        /// What stands there.
+        /// The text.
         found: String,
     },
-    /// A parenthesis that nothing closes.
+    /// A parenthesis that is not closed.
     #[error("this parenthesis is never closed; add a `)`")]
     Unclosed,
     /// A closing parenthesis without an opening one.
@@ -145,18 +145,18 @@ pub enum Fault {
         "a comma separates the arguments of a function; a decimal number is written with a point"
     )]
     Comma,
-    /// Too many parentheses, signs or powers inside each other.
+    /// Too many nested parentheses, signs or powers.
     #[error(
         "more than {limit} parentheses, signs or powers inside each other; split the expression"
     )]
     TooDeep {
-        /// How many are allowed.
+        /// The number allowed.
         limit: usize,
     },
     /// Too many numbers, names and operators.
     #[error("more than {limit} numbers, names and operators; split the expression")]
     TooLong {
-        /// How many are allowed.
+        /// The number allowed.
         limit: usize,
     },
 }
@@ -199,7 +199,7 @@ fn caret(text: &str, column: usize, length: usize) -> String {
     format!("  {shown}\n  {}{}", " ".repeat(start - from), "^".repeat(width))
 }
 
-/// The candidate that is spelled most like `name`, if any is close.
+/// The candidate with the closest spelling to `name`, if any is close.
 pub(super) fn closest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<String> {
     let near = candidates
         .map(|c| (edits(&name.to_lowercase(), &c.to_lowercase()), c))
@@ -208,9 +208,9 @@ pub(super) fn closest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>)
         .map(|(_, c)| c.to_owned())
 }
 
-/// Letters to insert, remove or exchange, a swap of neighbours counting as one.
+/// Letters to insert, remove or replace; a swap of neighbours counts as one.
 fn edits(a: &str, b: &str) -> usize {
-    // Names this long are not mistyped ones.
+    // Names of this length are not mistyped.
     let (a, b): (Vec<char>, Vec<char>) =
         (a.chars().take(64).collect(), b.chars().take(64).collect());
     let mut rows: Vec<Vec<usize>> = vec![(0..=b.len()).collect()];

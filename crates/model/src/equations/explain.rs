@@ -1,4 +1,4 @@
-//! Why an expression has no finite value at a point.
+//! The reason why an expression has no finite value at a point.
 
 use std::fmt;
 
@@ -6,45 +6,45 @@ use super::function::Operation;
 use super::parse::{Leaf, NodeKind, Tree};
 use super::program::Point;
 
-/// The part of an equation that first has no finite value.
+/// The first part of an equation without a finite value.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{equation}: {part} {breakdown} at t = {time_s} s")]
 pub struct NonFinite {
-    /// Which equation, as `derivatives.speed`.
+    /// The equation, as `derivatives.speed`.
     pub equation: String,
     /// The part's text.
     pub part: String,
-    /// What happens there.
+    /// The cause.
     pub breakdown: Breakdown,
-    /// When.
+    /// The time, s.
     pub time_s: f64,
 }
 
-/// How a finite calculation leaves the finite numbers.
+/// The cause of a value that is not finite.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Breakdown {
-    /// By a division.
+    /// A division by zero.
     DivisionByZero,
-    /// By a function outside of its domain.
+    /// A function outside of its domain.
     Domain {
         /// `log`, `sqrt`, …
         function: &'static str,
-        /// What it was given.
+        /// Its argument.
         argument: f64,
     },
-    /// By a power of a negative number, or of 0 with a negative exponent.
+    /// A power of a negative number, or of 0 with a negative exponent.
     Power {
         /// The base.
         base: f64,
         /// The exponent.
         exponent: f64,
     },
-    /// By growing too large.
+    /// A value above the largest float.
     Overflow,
-    /// A state, input or parameter comes in as NaN or infinite.
+    /// A state, input or parameter that is NaN or infinite on input.
     Given {
-        /// What came in.
+        /// The input value.
         value: f64,
     },
 }
@@ -65,7 +65,7 @@ impl fmt::Display for Breakdown {
     }
 }
 
-/// The first part of the tree without a finite value although its own parts have one; `None` if the whole is finite.
+/// The first part of the tree without a finite value whose own parts are finite; `None` if the whole is finite.
 pub(super) fn explain(
     equation: &str,
     tree: &Tree,
@@ -90,7 +90,7 @@ pub(super) fn explain(
     })
 }
 
-/// The values of all nodes, those of the definitions given.
+/// The values of all nodes, given those of the definitions.
 pub(super) fn values(tree: &Tree, defined: &[f64], at: Point<'_>) -> Vec<f64> {
     let mut values: Vec<f64> = Vec::with_capacity(tree.nodes.len());
     for node in &tree.nodes {

@@ -1,6 +1,6 @@
 //! The operations of an expression: their names, values and derivatives.
 
-/// One operation on one or two numbers.
+/// One operation on one or two values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Operation {
     Add,
@@ -26,13 +26,13 @@ pub(super) enum Operation {
     Sign,
     Min,
     Max,
-    /// The sine; the cosine of the same angle, found along with it, belongs to the step behind.
+    /// The sine; the cosine of the same angle, computed together, belongs to the next step.
     SinCos,
-    /// b itself, which the step before has found.
+    /// b itself, computed by the previous step.
     Found,
 }
 
-/// The functions an expression can call.
+/// The functions available in expressions.
 const FUNCTIONS: [(&str, Operation, usize); 17] = [
     ("sin", Operation::Sin, 1),
     ("cos", Operation::Cos, 1),
@@ -64,7 +64,7 @@ pub(super) fn find(name: &str) -> Option<(&'static str, Operation, usize)> {
 }
 
 impl Operation {
-    /// The value; `b` has no meaning for operations on one number.
+    /// The value; operations on one value ignore `b`.
     #[inline(always)]
     pub(super) fn apply(self, a: f64, b: f64) -> f64 {
         match self {
@@ -89,7 +89,7 @@ impl Operation {
             Self::Sqrt => a.sqrt(),
             Self::Abs => a.abs(),
             Self::Sign => sign(a),
-            // NaN must not get lost on the way, as it would in f64::min.
+            // NaN must propagate, unlike in f64::min.
             Self::Min => {
                 if a.is_nan() || a < b {
                     a
@@ -108,7 +108,7 @@ impl Operation {
         }
     }
 
-    /// Derivatives of the value `y` with respect to a and b. At a corner (abs, min, max at equality) one of the two sides; of sign 0.
+    /// Derivatives of the value `y` with respect to a and b. At a corner (abs, min, max at equality) the derivative of one side; for sign 0.
     pub(super) fn partials(self, a: f64, b: f64, y: f64) -> (f64, f64) {
         match self {
             Self::Add => (1.0, 1.0),
@@ -156,13 +156,13 @@ impl Operation {
         }
     }
 
-    /// a and b may change places.
+    /// The operation is commutative.
     pub(super) fn commutes(self) -> bool {
         matches!(self, Self::Add | Self::Multiply)
     }
 }
 
-/// −1, 0 or 1, and NaN of NaN.
+/// −1, 0 or 1, and NaN for NaN.
 fn sign(a: f64) -> f64 {
     if a == 0.0 { 0.0 } else { a.signum() }
 }

@@ -1,24 +1,24 @@
-//! Quantities inside a model, and the model in which one of them is changed on its way.
+//! Quantities inside a model, and the model with a map applied to one of them.
 //!
-//! A quantity is a named expression, or a term of a derivative, named by its own text. Where a command is compared with a state (a sum of both enters it), it
-//! is a controller's. Where two states are compared and nothing else moves it, it is a link between bodies.
+//! A quantity is a named expression, or a term of a derivative, named by its own text. A quantity that compares a command with a state (a sum of both enters
+//! it) is a controller's. A quantity that compares two states, without other signals, is a link between bodies.
 //!
-//! How it can be wrong: a term that is written apart (`kp*target - kp*q`) is not found; a named expression is. A limit on a part of what an actuator gives (the
-//! proportional part of a controller) is another limit than that of the whole: the whole needs a name.
+//! How it can be wrong: an expanded term (`kp*target - kp*q`) is not found; a named expression is. A limit on a part of an actuator's output (a controller's
+//! proportional part) differs from a limit of the whole: the whole needs a name.
 
 use super::error::EquationError;
 use super::function::Operation;
 use super::parse::{Leaf, NodeKind, Tree, parse};
 use super::system::{Definition, Equations, OutputVariable, Parameter, Symbol};
 
-/// What moves an expression.
+/// The signals that enter an expression.
 #[derive(Debug, Clone, Copy, Default)]
 struct Moved {
-    /// An input does.
+    /// An input enters.
     input: bool,
-    /// A state does.
+    /// A state enters.
     state: bool,
-    /// A sum of a part that inputs move and of one that states move enters it.
+    /// A sum of an input-dependent and a state-dependent part enters it.
     compares: bool,
 }
 
@@ -32,7 +32,7 @@ impl Moved {
     }
 }
 
-/// What a quantity becomes on its way.
+/// The map applied to a quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InnerMap {
     /// min(max(v, lower), upper): two parameters.
@@ -43,12 +43,12 @@ pub enum InnerMap {
     Friction,
 }
 
-/// Names of parameters that no model has.
+/// Prefix of added parameters, unused in models.
 const ADDED: &str = "inner_";
 const QUANTITY: &str = "inner_quantity";
 
 impl Equations {
-    /// The quantities in which a command is compared with a state: named expressions, then terms of derivatives by their own text.
+    /// The quantities that compare a command with a state: named expressions, then terms of derivatives by their own text.
     #[must_use]
     pub fn controls(&self) -> Vec<String> {
         let moved = self.definitions_moved();
@@ -60,7 +60,7 @@ impl Equations {
             let mut terms = Vec::new();
             terms_of(tree, &of, tree.nodes.len() - 1, false, &mut terms);
             for node in terms {
-                // A name alone is found as such.
+                // A name alone is listed with the definitions.
                 let named = matches!(tree.nodes[node].kind, NodeKind::Definition(_));
                 let text = stripped(tree.said(node)).to_owned();
                 if !named && !found.contains(&text) {
@@ -124,10 +124,10 @@ impl Equations {
         Some([rate(a)?, rate(b)?])
     }
 
-    /// The model in which a quantity goes through a map; its parameters come after all others. `None` for a text that is no quantity of this model.
+    /// The model with a map applied to a quantity; the map's parameters follow all others. `None` for a text that is no quantity of this model.
     ///
     /// # Errors
-    /// [`EquationError`] where the model grows beyond what is compiled.
+    /// [`EquationError`] where the model exceeds the size limits.
     pub fn with_inner_map(
         &self,
         quantity: &str,
@@ -172,10 +172,10 @@ impl Equations {
             .map(Some)
     }
 
-    /// The model in which a quantity is an input, the last one, and its value before that the last output. `None` for a text that is no quantity of this model.
+    /// The model with a quantity as its last input, and the quantity's own value as the last output. `None` for a text that is no quantity of this model.
     ///
     /// # Errors
-    /// [`EquationError`] where the model grows beyond what is compiled.
+    /// [`EquationError`] where the model exceeds the size limits.
     pub fn with_open_quantity(&self, quantity: &str) -> Result<Option<Self>, EquationError> {
         let Some(at) = self.opened(quantity) else { return Ok(None) };
         let Opened { definitions, name, derivatives, outputs, expression, .. } = at;
@@ -199,7 +199,7 @@ impl Equations {
     /// The model with the value of a quantity as its last output. `None` for a text that is no quantity of this model.
     ///
     /// # Errors
-    /// [`EquationError`] where the model grows beyond what is compiled.
+    /// [`EquationError`] where the model exceeds the size limits.
     pub fn with_shown_quantity(&self, quantity: &str) -> Result<Option<Self>, EquationError> {
         let Some(at) = self.opened(quantity) else { return Ok(None) };
         let mut outputs = self.outputs.clone();
@@ -214,7 +214,7 @@ impl Equations {
             .map(Some)
     }
 
-    /// A name that nothing in this model has.
+    /// A name that is unused in this model.
     fn free_name(&self, suffix: &str) -> String {
         let taken = |name: &str| {
             self.inputs.iter().any(|s| s.name == name)
@@ -233,7 +233,7 @@ impl Equations {
         }
     }
 
-    /// The place of the definition of a quantity: its own, or the one that a map of the term gave it.
+    /// The index of the definition of a quantity: its own, or that from a map of the term.
     fn defined(&self, quantity: &str) -> Option<usize> {
         let own = self.definitions.iter().position(|d| d.name == quantity);
         own.or_else(|| {
@@ -246,7 +246,7 @@ impl Equations {
         })
     }
 
-    /// The equations with the quantity under a name that is not defined.
+    /// The equations with the quantity under an undefined name.
     fn opened(&self, quantity: &str) -> Option<Opened> {
         if let Some(place) = self.defined(quantity) {
             let mut definitions = self.definitions.clone();
@@ -276,7 +276,7 @@ impl Equations {
         let derivatives = replaced(&self.derivative_trees);
         let outputs = replaced(&self.output_trees);
         let in_definitions = replaced(&self.definition_trees);
-        // A definition that holds the term comes after it.
+        // A definition that contains the term comes after it.
         let place = in_definitions
             .iter()
             .zip(&self.definitions)
@@ -295,7 +295,7 @@ impl Equations {
         })
     }
 
-    /// What moves each definition.
+    /// The signals that enter each definition.
     fn definitions_moved(&self) -> Vec<Moved> {
         let mut moved = Vec::new();
         for tree in &self.definition_trees {
@@ -305,7 +305,7 @@ impl Equations {
         moved
     }
 
-    /// What moves each node of a tree.
+    /// The signals that enter each node of a tree.
     fn nodes_moved(&self, tree: &Tree, definitions: &[Moved]) -> Vec<Moved> {
         let mut of: Vec<Moved> = Vec::with_capacity(tree.nodes.len());
         for node in &tree.nodes {
@@ -328,26 +328,26 @@ impl Equations {
     }
 }
 
-/// Equations with a quantity left open.
+/// Equations with an open quantity.
 struct Opened {
     definitions: Vec<Definition>,
-    /// Where its definition belongs.
+    /// The index for its definition.
     place: usize,
     /// Its name in the equations.
     name: String,
     derivatives: Vec<String>,
     outputs: Vec<String>,
-    /// What it is.
+    /// Its expression.
     expression: String,
 }
 
-/// The terms of the innermost sums in which a command is compared with a state. `is_term`: the node is a term of a sum itself.
+/// The terms of the innermost sums that compare a command with a state. `is_term`: the node is a term of a sum itself.
 fn terms_of(tree: &Tree, moved: &[Moved], node: usize, is_term: bool, found: &mut Vec<usize>) {
     if !moved[node].compares {
         return;
     }
     let mut inner = node;
-    // Factors that nothing compared enters scale it.
+    // Factors without a comparison scale it.
     while let NodeKind::Operation(operation, a, b) = tree.nodes[inner].kind {
         inner = match operation {
             Operation::Negate => a,
@@ -360,7 +360,7 @@ fn terms_of(tree: &Tree, moved: &[Moved], node: usize, is_term: bool, found: &mu
     let mut open = vec![inner];
     while let Some(at) = open.pop() {
         match tree.nodes[at].kind {
-            // The operands of a sum in a sum are terms of both.
+            // The operands of a nested sum are terms of both sums.
             NodeKind::Operation(Operation::Add | Operation::Subtract, a, b) => open.extend([b, a]),
             _ if at != inner => terms_of(tree, moved, at, true, found),
             _ => {}
@@ -371,7 +371,7 @@ fn terms_of(tree: &Tree, moved: &[Moved], node: usize, is_term: bool, found: &mu
     }
 }
 
-/// Two expressions are the same.
+/// Two expressions are equal.
 fn same(a: (&Tree, usize), b: (&Tree, usize)) -> bool {
     let node = |(tree, at): (&Tree, usize)| tree.nodes[at].kind;
     match (node(a), node(b)) {
@@ -383,7 +383,7 @@ fn same(a: (&Tree, usize), b: (&Tree, usize)) -> bool {
     }
 }
 
-/// The text of an expression with a name in every place of another one, and in how many.
+/// The text of an expression with a name in place of every occurrence of another one, and the number of occurrences.
 fn replace(tree: &Tree, what: &Tree, name: &str) -> (String, usize) {
     let whole = what.nodes.len() - 1;
     let mut spans: Vec<(usize, usize)> = (0..tree.nodes.len())

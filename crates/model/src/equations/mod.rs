@@ -1,7 +1,7 @@
 //! Nonlinear models written as equations: dx/dt and the outputs as expressions in states, inputs, parameters and `time`.
 //!
-//! Expressions are compiled once to a flat program; an evaluation allocates nothing. Parameters are handed in with every evaluation, so that a fit can
-//! change them. Jacobians are exact (forward-mode derivatives of the same program).
+//! Expressions are compiled once to a flat program; an evaluation allocates nothing. Parameters are an argument of every evaluation, so that a fit can change
+//! them. Jacobians are exact (forward-mode derivatives of the same program).
 
 pub(crate) mod error;
 pub(crate) mod explain;

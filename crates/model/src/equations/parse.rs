@@ -12,7 +12,7 @@ use super::error::{EquationError, Fault, closest};
 use super::function::{self, Operation};
 use super::token::{Span, Token, Word, Wrong, is_function, words};
 
-/// What a name stands for.
+/// The meaning of a name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Leaf {
     Time,
@@ -25,9 +25,9 @@ pub(super) enum Leaf {
 pub(super) enum NodeKind {
     Number(f64),
     Leaf(Leaf),
-    /// A named expression that was defined before, by its number.
+    /// A previously defined named expression, by its index.
     Definition(usize),
-    /// Of one operand (given twice) or two, which stand before it.
+    /// One operand (given twice) or two, which come before the node.
     Operation(Operation, usize, usize),
 }
 
@@ -44,19 +44,19 @@ pub(super) struct Tree {
     pub(super) nodes: Vec<Node>,
 }
 
-/// What names mean.
+/// The meaning of names.
 pub(super) trait Scope {
     fn find(&self, name: &str) -> Option<Leaf>;
     fn definition(&self, name: &str) -> Option<usize>;
     fn names(&self) -> Vec<String>;
 }
 
-/// What the parser carries along.
+/// The state of the parser.
 struct Growing<'t> {
     text: &'t str,
     scope: &'t dyn Scope,
     nodes: Vec<Node>,
-    /// The first thing wrong with the names.
+    /// The first fault in the names.
     wrong: Option<Wrong>,
 }
 
@@ -79,7 +79,7 @@ impl Growing<'_> {
         self.nodes[node].span
     }
 
-    /// Only the first fault is reported; the tree goes on with a zero.
+    /// Only the first fault is reported; parsing continues with a zero.
     fn fault(&mut self, span: Span, fault: Fault) -> usize {
         self.wrong.get_or_insert((span, fault));
         self.push(NodeKind::Number(0.0), span)
@@ -164,7 +164,7 @@ fn prefix_operator<'t>(i: &mut Input<'t>) -> Parsed<Prefix<Input<'t>, usize, Emp
     Ok(match any.parse_next(i)?.word {
         Word::Plus => Prefix(5, |_, a| Ok(a)),
         Word::Minus => Prefix(5, |i, a| {
-            // The sign stands before its operand; blanks between them belong to neither.
+            // The sign comes before its operand; blanks between them belong to neither.
             let operand = i.state.span(a);
             let from = i.state.text[..operand.from].rfind(['-', '−']).unwrap_or(operand.from);
             Ok(i.state
@@ -181,7 +181,7 @@ fn value(i: &mut Input<'_>) -> Parsed<usize> {
         Word::Open => {
             let inner = whole(i)?;
             let close: Token = *any.parse_next(i)?;
-            // The parentheses belong to the value, so that its text can be shown.
+            // The parentheses belong to the value, so that its text can be displayed.
             i.state.nodes[inner].span = Span { from: token.span.from, to: close.span.to };
             Ok(inner)
         }
@@ -209,7 +209,7 @@ fn whole(i: &mut Input<'_>) -> Parsed<usize> {
         .parse_next(i)
 }
 
-/// Parses one expression; `equation` is what it is called in a message.
+/// Parses one expression; `equation` is its name in messages.
 pub(super) fn parse(equation: &str, text: &str, scope: &dyn Scope) -> Result<Tree, EquationError> {
     let wrong = |(span, fault): Wrong| EquationError::Expression {
         equation: equation.to_owned(),
@@ -223,7 +223,7 @@ pub(super) fn parse(equation: &str, text: &str, scope: &dyn Scope) -> Result<Tre
     let mut input = Stateful { input: TokenSlice::new(&tokens), state };
     let parsed = whole(&mut input);
     let Growing { mut nodes, wrong: fault, .. } = input.state;
-    // `words` has proven the syntax: should the two ever disagree, that is an error too and no half of an expression.
+    // `words` has verified the syntax; a disagreement is an error, not a partial expression.
     let parsed = parsed.ok().filter(|_| input.input.is_empty());
     match (fault, parsed) {
         (Some(fault), _) => Err(wrong(fault)),
@@ -240,14 +240,14 @@ pub(super) fn parse(equation: &str, text: &str, scope: &dyn Scope) -> Result<Tre
 }
 
 impl Tree {
-    /// What a node says, in its own words.
+    /// The text of a node.
     pub(super) fn said(&self, node: usize) -> &str {
         let span = self.nodes[node].span;
         self.text.get(span.from..span.to).unwrap_or(&self.text)
     }
 }
 
-/// The name is taken by the language itself.
+/// The name is reserved by the language.
 pub(crate) fn reserved(name: &str) -> Option<&'static str> {
     if name == "time" { Some("the time") } else { is_function(name).then_some("a function") }
 }

@@ -1,7 +1,7 @@
-//! Expressions compiled to a flat list of operations on registers: constants folded, nothing calculated twice.
+//! Expressions compiled to a flat list of operations on registers, with constant folding and common subexpressions.
 //!
 //! Registers: constants, time, states, inputs, parameters, then one for each operation. Operations on parameters and constants alone come first and are
-//! calculated again only when a parameter has changed.
+//! recomputed only when a parameter has changed.
 
 use std::collections::HashMap;
 use std::hash::{Hash, Hasher};
@@ -17,7 +17,7 @@ pub(super) struct Sizes {
     pub(super) parameters: usize,
 }
 
-/// Where an evaluation takes place.
+/// The point of an evaluation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Point<'a> {
     pub(super) t: f64,
@@ -46,9 +46,9 @@ pub(super) struct Program {
     sizes: Sizes,
     constants: Vec<f64>,
     steps: Vec<Step>,
-    /// The same, but a sine finds the cosine of its angle too if that comes next: one call of the library for both takes little more time than for one.
+    /// The same, but a sine also computes the cosine of its angle if that comes next. One library call for both costs little more than one.
     paired: Vec<Step>,
-    /// So many steps need nothing but constants and parameters.
+    /// Number of steps that need only constants and parameters.
     prepared: usize,
     /// The register of each expression.
     roots: Vec<u32>,
@@ -63,7 +63,7 @@ pub(super) struct Registers {
     fingerprint: u64,
 }
 
-/// An operand while the program grows: registers get their numbers at the end.
+/// An operand during compilation: registers get their numbers at the end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Place {
     Constant(u64),
@@ -109,7 +109,7 @@ impl Builder {
         {
             return inner;
         }
-        // A canonical order of the operands finds a*b and b*a alike.
+        // A canonical order of the operands identifies a*b and b*a.
         let rank = |p: Place| match p {
             Place::Constant(bits) => (0, bits, 0),
             Place::Leaf(Leaf::Time) => (1, 0, 0),
@@ -130,7 +130,7 @@ impl Builder {
 }
 
 impl Program {
-    /// The expressions of `trees`, which may use `definitions`, as each of those may use the ones before it.
+    /// The expressions of `trees`, which may use `definitions`; each definition may use earlier ones.
     pub(super) fn compile(definitions: &[Tree], trees: &[Tree], sizes: Sizes) -> Self {
         let mut builder = Builder::default();
         let mut defined: Vec<Place> = Vec::with_capacity(definitions.len());
@@ -209,9 +209,9 @@ impl Program {
         program
     }
 
-    /// The steps that are needed, those of parameters and constants first; so many of them are.
+    /// The required steps, those of parameters and constants first, and the number of the latter.
     fn order(steps: &[(Operation, Place, Place)], roots: &[Place]) -> (Vec<usize>, usize) {
-        // Folding leaves steps behind that nothing needs.
+        // Folding leaves unused steps behind.
         let mut needed = vec![false; steps.len()];
         let mark = |p: Place, needed: &mut Vec<bool>| {
             if let Place::Step(i) = p {
@@ -240,7 +240,7 @@ impl Program {
         (order, prepared)
     }
 
-    /// Tells programs apart, so that registers of one are never taken for those of another.
+    /// Identifies a program, so that its registers are never used by another.
     fn hash(&self) -> u64 {
         let mut hasher = std::hash::DefaultHasher::new();
         (self.sizes, &self.steps, &self.roots).hash(&mut hasher);
@@ -252,7 +252,7 @@ impl Program {
         self.constants.len() + 1 + self.sizes.states + self.sizes.inputs + self.sizes.parameters
     }
 
-    /// Makes registers fit this program, which allocates when they belonged to another.
+    /// Resizes registers for this program; allocates when they belonged to another.
     pub(super) fn fit(&self, registers: &mut Registers) {
         registers.values.clear();
         registers.values.extend_from_slice(&self.constants);
@@ -262,7 +262,7 @@ impl Program {
         registers.fingerprint = self.fingerprint;
     }
 
-    /// Evaluates at a point. Slices shorter than the model's lists leave registers as they were; the callers check.
+    /// Evaluates at a point. Slices shorter than the model's lists leave registers unchanged; callers check the lengths.
     #[inline]
     fn run(&self, at: Point<'_>, registers: &mut Registers) {
         if registers.fingerprint != self.fingerprint {
@@ -328,7 +328,7 @@ impl Program {
         }
     }
 
-    /// Values of the expressions and their derivatives along `count` directions, row by row; inputs and time stand still.
+    /// Values of the expressions and their derivatives along `count` directions, row by row; inputs and time are constant.
     pub(super) fn along(
         &self,
         at: Point<'_>,
@@ -361,7 +361,7 @@ impl Program {
         }
     }
 
-    /// Carries the tangents of the leaves, `count` each, through the steps.
+    /// Propagates the tangents of the leaves, `count` each, through the steps.
     fn propagate(&self, count: usize, registers: &mut Registers) {
         let base = self.base();
         let Registers { values, tangents, .. } = registers;
@@ -372,18 +372,18 @@ impl Program {
             let (of_a, of_b) =
                 (&before[a * count..(a + 1) * count], &before[b * count..(b + 1) * count]);
             for ((to, ta), tb) in row.iter_mut().zip(of_a).zip(of_b) {
-                // What does not depend on the leaf stays 0 where a partial is infinite.
+                // A value independent of the leaf keeps the derivative 0 where a partial is infinite.
                 let part = |d: f64, tangent: f64| if tangent == 0.0 { 0.0 } else { d * tangent };
                 *to = part(da, *ta) + part(db, *tb);
             }
         }
     }
 
-    /// Whether every expression is a sum of states and inputs, each times what only constants and parameters decide, and of one such term more.
+    /// Whether every expression is affine in states and inputs, with coefficients from constants and parameters only.
     pub(super) fn is_affine(&self) -> bool {
         const BENT: u8 = 2;
         let Sizes { states, inputs, .. } = self.sizes;
-        // The degree of every register in states and inputs; time counts as bent.
+        // The degree of every register in states and inputs; time counts as nonlinear.
         let mut degree = vec![0; self.base() + self.steps.len()];
         let time = self.constants.len();
         degree[time] = BENT;
@@ -402,7 +402,7 @@ impl Program {
         self.roots.iter().all(|&root| degree[root as usize] < BENT)
     }
 
-    /// Whether an expression is built from a leaf (counted from time, states, inputs, parameters).
+    /// Whether an expression depends on a leaf (counted from time, states, inputs, parameters).
     pub(super) fn depends(&self, expression: usize, leaf: usize) -> bool {
         let base = self.base();
         let wanted = register(self.constants.len() + leaf);
@@ -418,18 +418,18 @@ impl Program {
         reached[wanted as usize]
     }
 
-    /// Steps of one evaluation, those aside that wait for a parameter to change.
+    /// Steps of one evaluation, without those that change only with a parameter.
     pub(super) fn len(&self) -> usize {
         self.steps.len() - self.prepared
     }
 }
 
-/// Registers are counted by expressions of bounded length: far below 2³².
+/// The number of registers is bounded by the length of expressions: far below 2³².
 fn register(at: usize) -> u32 {
     at as u32
 }
 
-/// Puts the cosine of an angle right behind its sine: both need nothing but the angle.
+/// Moves the cosine of an angle directly behind its sine: both need only the angle.
 fn pair_up(order: &mut [usize], steps: &[(Operation, Place, Place)]) {
     for k in 0..order.len() {
         let partner = match steps[order[k]].0 {

@@ -25,15 +25,15 @@ pub struct StateVariable {
     pub name: String,
     /// Its unit.
     pub unit: Option<String>,
-    /// The value when a log starts.
+    /// The value at the start of a log.
     pub initial: f64,
-    /// How far `initial` is trusted, 0: exactly; `None`: the start is unknown.
+    /// Standard deviation of `initial`, 0: exact; `None`: unknown initial state.
     pub initial_std: Option<f64>,
     /// The expression of its derivative, unit per second.
     pub derivative: String,
 }
 
-/// A named number of the model.
+/// A named parameter of the model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
     /// The name.
@@ -55,7 +55,7 @@ pub struct OutputVariable {
     pub equation: String,
 }
 
-/// A named expression that equations, and definitions after it, can use.
+/// A named expression, available to equations and to later definitions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Definition {
     /// The name.
@@ -64,7 +64,7 @@ pub struct Definition {
     pub expression: String,
 }
 
-/// With respect to what a derivative is taken.
+/// The variables of a derivative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Wrt {
     /// The states.
@@ -75,12 +75,12 @@ pub enum Wrt {
     Parameters,
 }
 
-/// Directions in the space of states and parameters, along which an evaluation is differentiated.
+/// Directions in the space of states and parameters for the derivatives of an evaluation.
 #[derive(Debug, Clone, Copy)]
 pub struct Directions<'a> {
-    /// How many.
+    /// Number of directions.
     pub count: usize,
-    /// States × count, row by row: how each state moves along each direction.
+    /// States × count, row by row: the motion of each state along each direction.
     pub states: &'a [f64],
     /// Parameters × count, row by row.
     pub parameters: &'a [f64],
@@ -94,7 +94,7 @@ impl<'a> Directions<'a> {
 
 /// A compiled nonlinear model.
 ///
-/// Slices handed to its methods have the lengths of its lists of states, inputs and parameters (checked when tests run).
+/// Slices passed to its methods have the lengths of its lists of states, inputs and parameters (checked in tests).
 ///
 /// ```
 /// use deadtime_model::{Equations, OutputVariable, Parameter, StateVariable, Symbol};
@@ -127,7 +127,7 @@ pub struct Equations {
     affine: bool,
 }
 
-/// Memory of an evaluation; one per thread. Made for one model, it can be used for another, which then allocates once.
+/// Memory of an evaluation, one per thread. A workspace of another model is allowed, and allocates once.
 #[derive(Debug, Clone, Default)]
 pub struct Workspace {
     derivatives: Registers,
@@ -139,7 +139,7 @@ pub(super) struct Names<'a> {
     pub(super) inputs: &'a [Symbol],
     states: &'a [StateVariable],
     pub(super) parameters: &'a [Parameter],
-    /// Those that can be used so far.
+    /// The definitions available so far.
     definitions: &'a [Definition],
 }
 
@@ -170,7 +170,7 @@ impl Scope for Names<'_> {
 }
 
 impl Names<'_> {
-    /// Every name can be used, means one thing, and every number is finite.
+    /// Every name is valid and has one meaning, and every value is finite.
     fn check(&self) -> Result<(), EquationError> {
         let inputs = self.inputs.iter().map(|s| ("input", "an input", &s.name));
         let states = self.states.iter().map(|s| ("state", "a state", &s.name));
@@ -211,14 +211,14 @@ impl Names<'_> {
     }
 }
 
-/// States, inputs and outputs of a model, parameters, and the numbers, names and operators of all its equations, at most: what is simulated in minutes.
+/// Largest number of states, inputs and outputs of a model, of parameters, and of tokens of all its equations: such models simulate in minutes.
 pub(super) const MOST_CHANNELS: usize = 1000;
 
 pub(super) const MOST_PARAMETERS: usize = 10_000;
 
 pub(super) const MOST_NODES: usize = 200_000;
 
-/// Refuses a model that is too large before anything is made of it.
+/// Refuses a model that is too large, before any work on it.
 pub(crate) fn check_sizes(
     inputs: usize,
     states: usize,
@@ -241,7 +241,7 @@ impl Equations {
     /// Checks the names and compiles the equations.
     ///
     /// # Errors
-    /// [`EquationError`], which points into the expression or names what clashes.
+    /// [`EquationError`], which points into the expression or names the conflict.
     pub fn new(
         inputs: Vec<Symbol>,
         states: Vec<StateVariable>,
@@ -251,7 +251,7 @@ impl Equations {
         Self::with_definitions(inputs, states, parameters, Vec::new(), outputs)
     }
 
-    /// As [`Self::new`], with named expressions that the equations, and definitions after them, can use.
+    /// As [`Self::new`], with named expressions that are available to equations and to later definitions.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -314,7 +314,7 @@ impl Equations {
         })
     }
 
-    /// What names mean in an expression.
+    /// The meaning of names in an expression.
     pub(super) fn names(&self) -> Names<'_> {
         Names {
             inputs: &self.inputs,
@@ -360,13 +360,13 @@ impl Equations {
         self.parameters.iter().map(|p| p.value).collect()
     }
 
-    /// The state when a log starts.
+    /// The state at the start of a log.
     #[must_use]
     pub fn initial(&self) -> Vec<f64> {
         self.states.iter().map(|s| s.initial).collect()
     }
 
-    /// Memory for evaluations, made ready for this model.
+    /// Memory for evaluations of this model.
     #[must_use]
     pub fn workspace(&self) -> Workspace {
         let mut workspace = Workspace::default();
@@ -382,8 +382,8 @@ impl Equations {
         );
     }
 
-    /// dx/dt at time `t` (seconds from the log's first sample), states `x`, inputs `u` and parameters `p`. Where it is undefined it is NaN or infinite:
-    /// [`Self::explain`] says why.
+    /// dx/dt at time `t` (seconds from the log's first sample), states `x`, inputs `u` and parameters `p`. Undefined values are NaN or infinite;
+    /// [`Self::explain`] gives the reason.
     #[inline]
     pub fn derivatives(
         &self,
@@ -415,7 +415,7 @@ impl Equations {
         self.output_program.evaluate(at, &mut workspace.outputs, y);
     }
 
-    /// First leaf of a kind after `time`, and how many there are.
+    /// Index of the first leaf of a kind after `time`, and their number.
     fn leaves(&self, wrt: Wrt) -> (usize, usize) {
         let (n, m) = (self.states.len(), self.inputs.len());
         match wrt {
@@ -464,8 +464,8 @@ impl Equations {
         self.output_program.differentiate(at, self.leaves(wrt), &mut workspace.outputs, jacobian);
     }
 
-    /// dx/dt and its derivatives along directions, `tangents[i*count + j]` that of state i along direction j: the right-hand side of the sensitivity
-    /// equations, at the cost of one evaluation for each direction.
+    /// dx/dt and its derivatives along directions; `tangents[i*count + j]` is that of state i along direction j. The result is the right-hand side of the
+    /// sensitivity equations, at the cost of one evaluation per direction.
     #[allow(clippy::too_many_arguments)]
     pub fn derivatives_along(
         &self,
@@ -515,7 +515,7 @@ impl Equations {
         );
     }
 
-    /// The equations are linear in states and inputs, but for a constant, and `time` does not enter: the linear model about any point is the whole of them.
+    /// The equations are affine in states and inputs and independent of `time`. The linear model about any point is then exact.
     #[must_use]
     pub fn is_affine(&self) -> bool {
         self.affine
@@ -535,26 +535,26 @@ impl Equations {
         Matrices { a, b, c, d }
     }
 
-    /// Whether the derivative of a state is built from the j-th of `wrt` at all.
+    /// Whether the derivative of a state depends on the j-th of `wrt`.
     #[must_use]
     pub fn derivative_depends(&self, state: usize, wrt: Wrt, j: usize) -> bool {
         let (first, count) = self.leaves(wrt);
         j < count && self.derivative_program.depends(state, first + j)
     }
 
-    /// Operations of one evaluation of the derivatives and of the outputs, those on parameters alone aside.
+    /// Operations of one evaluation of the derivatives and of the outputs, without those on parameters alone.
     #[must_use]
     pub fn operations(&self) -> (usize, usize) {
         (self.derivative_program.len(), self.output_program.len())
     }
 
-    /// Which equation, and which part of it, is undefined at a point; `None` where all values are finite.
+    /// The equation, and the part of it, that is undefined at a point; `None` where all values are finite.
     #[must_use]
     pub fn explain(&self, t: f64, x: &[f64], u: &[f64], p: &[f64]) -> Option<NonFinite> {
         let at = Point { t, x, u, p };
         let mut defined: Vec<f64> = Vec::with_capacity(self.definitions.len());
         for (tree, definition) in self.definition_trees.iter().zip(&self.definitions) {
-            // An undefined name in a definition is reported there, not where the definition is used.
+            // An undefined value in a definition is reported there, not at the use of the definition.
             if let Some(found) =
                 explain::explain(&format!("definitions.{}", definition.name), tree, &defined, at)
             {

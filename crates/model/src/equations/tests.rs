@@ -81,7 +81,7 @@ fn operators_bind_as_mathematics_does() {
     });
 }
 
-/// The message of a refusal.
+/// The error message.
 fn refusal(text: &str) -> String {
     match model(text) {
         Ok(_) => panic!("{text} was accepted"),
@@ -155,7 +155,7 @@ fn depth_and_length_have_an_end_that_is_no_stack_overflow() {
         assert!(message.contains("split the expression"), "{message}");
         assert!(message.len() < 1000);
     }
-    // A long sum is no deep one.
+    // A long sum is not deeply nested.
     assert_eq!(value(&("1".to_owned() + &"+1".repeat(9_000))), 9_001.0);
     assert_eq!(value(&("(".repeat(90) + "1" + &")".repeat(90))), 1.0);
     assert_eq!(value(&("1*(-2^".repeat(33) + "1" + &")".repeat(33))).abs(), 2_f64.powi(33));
@@ -202,7 +202,7 @@ fn names_mean_one_thing() {
 
 #[test]
 fn nothing_is_calculated_twice_or_at_run_time_that_need_not_be() {
-    // (2 + 3)·a and a·viscous wait for a parameter to change; sin(x)·u is one product for both terms.
+    // (2 + 3)·a and a·viscous change only with a parameter; sin(x)·u is one product for both terms.
     let model = model("(2+3)*a*x + (sin(x)*u)*(a*viscous) + (u*sin(x))^2 + 0*1 + 1*x/1").unwrap();
     // sin, ·u, 5a·x, ·(a·viscous), square, three sums.
     assert_eq!(model.operations().0, 8);
@@ -218,7 +218,7 @@ fn nothing_is_calculated_twice_or_at_run_time_that_need_not_be() {
     for (a, v) in [(2.0, 3.0), (2.5, 3.0), (2.5, -1.0), (2.0, 3.0)] {
         assert_abs_diff_eq!(at(&[a, v], &mut workspace), expect(a, v), epsilon = 1e-15);
     }
-    // Memory of another model, or of none, is made to fit.
+    // Memory of another model, or none, is resized.
     let other = self::model("x + a").unwrap();
     let mut dx = [0.0; 2];
     other.derivatives(0.0, &[0.5, 0.0], &[0.75], &[2.0, 3.0], &mut workspace, &mut dx);
@@ -313,7 +313,7 @@ fn what_is_undefined_is_explained() {
         let found = model.explain(2.0, &[x, 0.0], &[1.0], &model.nominal()).unwrap().to_string();
         assert!(found.contains(says), "{text}: {found}");
     }
-    // Infinite on the way, but not in the end.
+    // Infinite intermediate values with a finite result.
     let model = model("atan(1/x) + min(1/x, 2)").unwrap();
     assert_eq!(model.explain(0.0, &[0.0, 0.0], &[1.0], &model.nominal()), None);
 }

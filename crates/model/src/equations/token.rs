@@ -1,4 +1,4 @@
-//! An expression as words, and the check that they follow each other as they must.
+//! An expression as tokens, and the check of their order.
 
 use super::error::Fault;
 use super::function;
@@ -31,15 +31,15 @@ pub(super) struct Token {
     pub(super) span: Span,
 }
 
-/// What is wrong, and where.
+/// The fault and its position.
 pub(super) type Wrong = (Span, Fault);
 
-/// Parentheses, signs and powers that may wait for their end at once. The parser calls itself for each.
+/// Largest number of nested parentheses, signs and powers. The parser is recursive for each.
 pub(super) const DEEPEST: usize = 100;
-/// Words of one expression.
+/// Largest number of tokens of one expression.
 pub(super) const LONGEST: usize = 20_000;
 
-/// A name that expressions can use.
+/// A valid name in expressions.
 pub(super) fn is_name(text: &str) -> bool {
     text.starts_with(|c: char| c.is_alphabetic() || c == '_') && text.chars().all(in_name)
 }
@@ -48,7 +48,7 @@ fn in_name(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// The names that stand in an expression, each once, in their order, functions left out; `None` where it is no expression.
+/// The names in an expression, each once, in order, without functions; `None` for an invalid expression.
 pub(crate) fn names(text: &str) -> Option<Vec<String>> {
     let mut found: Vec<String> = Vec::new();
     for token in words(text).ok()? {
@@ -60,7 +60,7 @@ pub(crate) fn names(text: &str) -> Option<Vec<String>> {
     Some(found)
 }
 
-/// The words of an expression, proven to be one: every operator between values, every parenthesis closed, none too deep.
+/// The tokens of an expression with verified syntax: every operator between values, every parenthesis closed, limited nesting.
 pub(super) fn words(text: &str) -> Result<Vec<Token>, Wrong> {
     let mut tokens = Vec::new();
     let mut at = 0;
@@ -108,7 +108,7 @@ pub(super) fn words(text: &str) -> Result<Vec<Token>, Wrong> {
     Ok(tokens)
 }
 
-/// Digits, a point, digits, an exponent: as far as it could be a number, so that `1e` is a broken number and not 1 times e.
+/// Digits, a point, digits, an exponent, as far as they could form a number: `1e` is an invalid number, not 1 times e.
 fn number_length(text: &str) -> usize {
     let bytes = text.as_bytes();
     let mut at = 0;
@@ -123,14 +123,14 @@ fn number_length(text: &str) -> usize {
     at
 }
 
-/// What waits for its end.
+/// Open elements of the syntax.
 #[derive(PartialEq)]
 enum Pending {
-    /// A parenthesis, at this word.
+    /// A parenthesis, at this token.
     Group(usize),
     /// The arguments of a function.
     Call(usize),
-    /// A sign or a power, ended by the next weaker operator; counted, because the parser calls itself for it.
+    /// A sign or a power, ended by the next weaker operator; counted, because the parser is recursive for it.
     Operator,
 }
 
@@ -195,7 +195,7 @@ fn check(text: &str, tokens: &[Token]) -> Result<(), Wrong> {
     }
 }
 
-/// What is wrong with a word where it stands.
+/// The fault of a token at its position.
 fn misplaced(
     text: &str,
     token: &Token,
@@ -230,7 +230,7 @@ fn after_open_call(tokens: &[Token], k: usize, pending: &[Pending]) -> bool {
         && tokens[k - 1].word == Word::Open
 }
 
-/// The word is a function's name.
+/// The token is a function's name.
 pub(super) fn is_function(name: &str) -> bool {
     function::find(name).is_some()
 }

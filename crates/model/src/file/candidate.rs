@@ -8,36 +8,36 @@ use super::table;
 use crate::equations::system::Equations;
 use crate::error::ModelError;
 
-/// A term on the derivative of a state. Names in it that the model does not know are its free parameters.
+/// A term on the derivative of a state. Unknown names in it are its free parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CandidateEntry {
-    /// What it is called; absent: `state += adds`.
+    /// Its name; absent: `state += adds`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// The state on whose derivative it acts.
     pub state: String,
-    /// The expression that is added.
+    /// The additional expression.
     pub adds: String,
-    /// What is known of its free parameters.
+    /// Properties of its free parameters.
     #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
     pub parameters: Vec<(String, CandidateParameter)>,
 }
 
-/// What is known of a candidate's free parameter.
+/// Properties of a candidate's free parameter.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CandidateParameter {
     /// Its unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// 0, where the term is nothing; another value is where the search for a width, a power or the like begins.
+    /// 0, where the term vanishes; another value is the start of the search for a width, a power or the like.
     #[serde(default)]
     pub value: f64,
-    /// The smallest value that makes sense; absent: any.
+    /// The smallest valid value; absent: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lower: Option<f64>,
-    /// The largest.
+    /// The largest valid value; absent: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub upper: Option<f64>,
 }
@@ -45,17 +45,17 @@ pub struct CandidateParameter {
 /// A candidate that was checked against its model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
-    /// What it is called.
+    /// Its name.
     pub name: String,
     /// The state on whose derivative it acts.
     pub state: usize,
-    /// Where its parameters begin among those of the equations.
+    /// Index of its first parameter among those of the equations.
     pub first: usize,
     /// Its parameters.
     pub parameters: Vec<(String, CandidateParameter)>,
 }
 
-/// The model's equations with every candidate in them, whose parameters stand behind the model's own.
+/// The model's equations with all candidates; the candidates' parameters follow the model's own.
 #[derive(Debug, Clone)]
 pub struct Candidates {
     /// The equations.
@@ -65,10 +65,10 @@ pub struct Candidates {
 }
 
 impl CandidateEntry {
-    /// From `state += expression`, then, after a semicolon, what is known of its parameters: `k in 0 to 2, width = 0.1 in 0.01 to 1`.
+    /// From `state += expression`. After a semicolon follow properties of its parameters: `k in 0 to 2, width = 0.1 in 0.01 to 1`.
     ///
     /// # Errors
-    /// [`ModelError::Candidate`] that says how it is written.
+    /// [`ModelError::Candidate`] with the correct syntax.
     pub fn from_text(text: &str) -> Result<Self, ModelError> {
         let wrong =
             |why: &str| ModelError::Candidate { candidate: text.to_owned(), why: why.to_owned() };

@@ -3,11 +3,11 @@
 use serde::{Deserialize, Serialize, Serializer};
 use std::collections::BTreeMap;
 
-/// The point at which a model was linearised: the matrices act on u − operating and give y − operating.
+/// The point of the model's linearisation: the matrices act on u − operating and give y − operating.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Operating {
-    /// A number in the channel's unit.
+    /// A value in the channel's unit.
     Value(f64),
     /// The channel's mean over the training logs, written `"mean"`.
     Mean(Mean),
@@ -27,7 +27,7 @@ impl Default for Operating {
     }
 }
 
-/// Implements serde's traits by the derived ones of the type itself (`remote = "Self"`), and takes a text for the name alone.
+/// Implements serde's traits by the derived ones of the type itself (`remote = "Self"`), and accepts a text as the name alone.
 macro_rules! named {
     ($type:ty, $one:literal, $of_name:expr) => {
         impl serde::Serialize for $type {
@@ -62,11 +62,11 @@ pub(super) use named;
 
 named!(Channel, "an input or output", |name| Channel::plain(name, None));
 
-/// An input or output; in a file also its name alone.
+/// An input or output; in a file alternatively its name alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, remote = "Self")]
 pub struct Channel {
-    /// The name that a log's column carries.
+    /// The name of the log's column.
     pub name: String,
     /// Its unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -74,24 +74,24 @@ pub struct Channel {
     /// The operating point.
     #[serde(default)]
     pub operating: Operating,
-    /// The input whose slope this input is: a log that lacks the channel gets it from that input's.
+    /// The input whose slope this input is; a log without the channel derives it from that input's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub derivative_of: Option<String>,
-    /// What its numbers are, where they are no plain ones.
+    /// The kind of its values, other than plain numbers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<ChannelKind>,
 }
 
-/// What a channel's numbers are.
+/// The kind of a channel's values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ChannelKind {
-    /// An angle that may be logged within one turn, in rad or degrees: logs lose its whole turns.
+    /// An angle that may be logged within one turn, in rad or degrees, without its whole turns.
     Angle,
 }
 
 impl Channel {
-    /// A plain channel about 0.
+    /// A channel of plain numbers about 0.
     #[must_use]
     pub fn plain(name: &str, unit: Option<&str>) -> Self {
         Self {
@@ -103,14 +103,14 @@ impl Channel {
         }
     }
 
-    /// A whole turn of an angle, in its unit; `None` for all else.
+    /// A whole turn of an angle, in its unit; `None` for other channels.
     #[must_use]
     pub fn turn(&self) -> Option<f64> {
         self.kind.and_then(|ChannelKind::Angle| whole_turn(self.unit.as_deref()))
     }
 }
 
-/// A whole turn in this unit, where it is one of angles.
+/// A whole turn in this unit; `None` for a unit of another kind.
 #[must_use]
 pub fn whole_turn(unit: Option<&str>) -> Option<f64> {
     match unit {
@@ -120,15 +120,15 @@ pub fn whole_turn(unit: Option<&str>) -> Option<f64> {
     }
 }
 
-/// An effect that already belongs to the simulator, kept as it stands in the file.
+/// An effect that is already part of the simulator, as in the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EffectEntry {
     /// The effect's name.
     pub effect: String,
-    /// Where it acts.
+    /// Its channel.
     pub channel: String,
-    /// Its parameters. A limit that does not act is infinite; files leave it out, for JSON has no infinity.
+    /// Its parameters. An inactive limit is infinite; files omit it, because JSON has no infinity.
     #[serde(default, serialize_with = "acting")]
     pub parameters: BTreeMap<String, f64>,
 }

@@ -1,4 +1,4 @@
-//! Checks that model files of all kinds share.
+//! Checks shared by model files of all kinds.
 
 use super::channel::{Channel, ChannelKind, Operating};
 use crate::error::ModelError;
@@ -6,7 +6,7 @@ use std::path::Path;
 
 const FINITE: &str = "it must be finite";
 
-/// What has a name and lacks what it needs.
+/// An item with a name that lacks a required part.
 pub(super) fn unmatched(
     path: &Path,
     what: &'static str,
@@ -16,12 +16,12 @@ pub(super) fn unmatched(
     ModelError::Unmatched { path: path.to_owned(), what, name: name.to_owned(), lacks }
 }
 
-/// A number that must be another.
+/// The error for an invalid value.
 pub(super) fn number(path: &Path, key: &'static str, value: f64, rule: &'static str) -> ModelError {
     ModelError::Number { path: path.to_owned(), key, value, rule }
 }
 
-/// A sample time, or 0 of continuous time.
+/// A valid sample time; 0 for continuous time.
 pub(super) fn check_sample_time(path: &Path, sample_time_s: f64) -> Result<(), ModelError> {
     if sample_time_s.is_finite() && sample_time_s >= 0.0 {
         return Ok(());
@@ -30,7 +30,7 @@ pub(super) fn check_sample_time(path: &Path, sample_time_s: f64) -> Result<(), M
     Err(number(path, "sample_time_s", sample_time_s, rule))
 }
 
-/// No more states, inputs, outputs and parameters than a model may have: before anything is compared with anything.
+/// The number of states, inputs, outputs and parameters is within the limits; checked before any comparison.
 pub(super) fn check_sizes(
     path: &Path,
     [inputs, states, parameters, outputs]: [usize; 4],
@@ -39,7 +39,7 @@ pub(super) fn check_sizes(
     crate::equations::system::check_sizes(inputs, states, parameters, outputs).map_err(wrong)
 }
 
-/// No name twice.
+/// Names are unique.
 pub(super) fn check_names(
     path: &Path,
     what: &'static str,
@@ -53,7 +53,7 @@ pub(super) fn check_names(
     }
 }
 
-/// Inputs and outputs: no name twice, finite operating points.
+/// Inputs and outputs: unique names, finite operating points.
 pub(super) fn check_channels(
     path: &Path,
     inputs: &[Channel],
@@ -82,14 +82,14 @@ pub(super) fn check_channels(
     }
 }
 
-/// Which numbers a list may hold.
+/// The sign allowed in a list.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Sign {
     Any,
     NotNegative,
 }
 
-/// A list that may be absent, else has its length and finite numbers.
+/// A list that may be absent; otherwise of the right length, with finite values.
 pub(super) fn check_list(
     path: &Path,
     key: &'static str,

@@ -11,11 +11,10 @@ use crate::equations::token::names;
 use crate::error::ModelError;
 
 impl EquationsFile {
-    /// The equations with the file's candidates in them; `None` where it has none.
+    /// The equations with the file's candidates; `None` without candidates.
     ///
     /// # Errors
-    /// [`ModelError::Candidate`] for one that is no term that can be searched for;
-    /// [`ModelError::Equations`], which points into the expression.
+    /// [`ModelError::Candidate`] for a term that cannot be searched; [`ModelError::Equations`], which points into the expression.
     pub(super) fn compile_candidates(&self, path: &Path) -> Result<Option<Candidates>, ModelError> {
         if self.candidates.is_empty() {
             return Ok(None);
@@ -75,8 +74,7 @@ impl EquationsFile {
         Ok(Some(Candidates { equations: Arc::new(equations), list }))
     }
 
-    /// The names in a candidate's expression that the model does not know, in their order, with
-    /// what is known of them.
+    /// The unknown names in a candidate's expression, in order, with their properties.
     fn free_parameters(
         &self,
         entry: &CandidateEntry,
@@ -89,7 +87,7 @@ impl EquationsFile {
                 || self.parameters.iter().any(|(n, _)| n == name)
                 || self.definitions.iter().any(|(n, _)| n == name)
         };
-        // Of what is no expression the equations say where it is wrong.
+        // The equations report the position of an error in an invalid expression.
         let Some(names) = names(&entry.adds) else { return Ok(entry.parameters.clone()) };
         let free: Vec<String> = names.into_iter().filter(|name| !known(name)).collect();
         if let Some((name, _)) = entry.parameters.iter().find(|(name, _)| !free.contains(name)) {
@@ -126,8 +124,7 @@ impl EquationsFile {
     }
 }
 
-/// The state's derivative is the same with and without candidates at their nominal values, wherever
-/// both are defined.
+/// The state's derivative is equal with and without candidates at their nominal values, wherever both are defined.
 fn vanishes(base: &Equations, extended: &Equations, state: usize) -> bool {
     let (own, with) = (base.nominal(), extended.nominal());
     let initial = base.initial();

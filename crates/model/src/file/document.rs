@@ -19,13 +19,13 @@ use deadtime_log::{Log, LogError};
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum ModelDocument {
-    /// `kind = "lti"`; `tf` and `zpk` are read as such.
+    /// `kind = "lti"`; files of kind `tf` and `zpk` are converted to it.
     Lti(ModelFile),
     /// `kind = "equations"`.
     Equations(EquationsFile),
 }
 
-/// The same of a file of either kind.
+/// The same expression for a file of either kind.
 macro_rules! either {
     ($document:expr, $file:ident => $value:expr) => {
         match $document {
@@ -39,17 +39,16 @@ impl ModelDocument {
     /// Reads and checks a model file of any kind.
     ///
     /// # Errors
-    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and
-    /// what is wrong in it.
+    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] with the file and the fault.
     pub fn read(path: &Path) -> Result<Self> {
         let (text, syntax) = read_text(path)?;
         Ok(Self::parse(&text, syntax, path)?)
     }
 
-    /// From the text of a TOML file; `source` is what error messages call it.
+    /// From the text of a TOML file; `source` is its name in messages.
     ///
     /// # Errors
-    /// A [`ModelError`] that says what is wrong in it.
+    /// A [`ModelError`] with the fault.
     pub fn from_toml(text: &str, source: &Path) -> Result<Self, ModelError> {
         Self::parse(text, Syntax::Toml, source)
     }
@@ -108,7 +107,7 @@ impl ModelDocument {
         either!(self, file => &file.inputs)
     }
 
-    /// The log as the model takes it: angles without whole turns, attitudes of one sign, and the slopes that inputs ask for (`derivative_of`) and the log lacks.
+    /// The log in the model's form: angles without whole turns, attitudes of one sign. Missing slopes of inputs (`derivative_of`) are added.
     ///
     /// # Errors
     /// [`deadtime_log::LogError`] where the log lacks the input of a slope, or samples of it.
@@ -177,11 +176,11 @@ impl ModelDocument {
         lti.chain(equations.iter().map(|(name, s)| (name.as_str(), s.unit.as_deref())))
     }
 
-    /// The model as equations, about its operating point: what has parameters to fit. Of a linear one they are the entries of A and B that are not 0, `A_x_from` and
+    /// The model as equations, about its operating point, with parameters to fit. For a linear model these are the nonzero entries of A and B, `A_x_from` and
     /// `B_x_from`.
     ///
     /// # Errors
-    /// [`ModelError`] for a sampled model, a name that cannot stand in an expression, or an operating point `"mean"`.
+    /// [`ModelError`] for a sampled model, a name that is invalid in an expression, or an operating point `"mean"`.
     pub fn structure(&self) -> Result<EquationsFile, ModelError> {
         let file = match self {
             Self::Equations(file) => return Ok(file.clone()),
@@ -201,7 +200,7 @@ impl ModelDocument {
             channels.iter().map(value).collect::<Result<Vec<f64>, ModelError>>()
         };
         let (inputs, outputs) = (about(&file.inputs)?, about(&file.outputs)?);
-        // A state that is measured under its own name has the measurement's level.
+        // A state measured under its own name has the measurement's operating point.
         let sys = file.continuous()?;
         let level = |(j, state): (usize, &State)| {
             let Some(i) = file.outputs.iter().position(|o| o.name == state.name) else {
@@ -220,10 +219,10 @@ impl ModelDocument {
         file.to_equations([&inputs, &states, &outputs])
     }
 
-    /// Adds a term that is suspected to be missing.
+    /// Adds a term that may be missing.
     ///
     /// # Errors
-    /// [`ModelError`] where the model cannot have it.
+    /// [`ModelError`] for a term that is invalid in this model.
     pub fn suspect(&mut self, candidate: CandidateEntry) -> Result<(), ModelError> {
         match self {
             Self::Lti(file) => {
@@ -237,18 +236,18 @@ impl ModelDocument {
         }
     }
 
-    /// Effects that already belong to the simulator.
+    /// Effects that are already part of the simulator.
     #[must_use]
     pub fn effects(&self) -> &[EffectEntry] {
         either!(self, file => &file.effects)
     }
 
-    /// The same, to be changed.
+    /// The same, mutable.
     pub fn effects_mut(&mut self) -> &mut Vec<EffectEntry> {
         either!(self, file => &mut file.effects)
     }
 
-    /// What is unknown anew in every log and no cause of a gap.
+    /// Values that are unknown in every log and no cause of a gap.
     #[must_use]
     pub fn nuisances(&self) -> &[NuisanceEntry] {
         either!(self, file => &file.nuisances)
@@ -265,8 +264,7 @@ impl ModelFile {
     /// Reads and checks a model file.
     ///
     /// # Errors
-    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and
-    /// what is wrong in it.
+    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] with the file and the fault.
     pub fn read(path: &Path) -> Result<Self> {
         let (text, syntax) = read_text(path)?;
         Ok(Self::parse(&text, syntax, path)?)

@@ -16,17 +16,17 @@ use crate::equations::system::{
 };
 use crate::error::{ModelError, Result};
 
-/// A state's unit and start.
+/// A state's unit and initial value.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StateEntry {
     /// Its unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// The value when a log starts.
+    /// The value at the start of a log.
     #[serde(default)]
     pub initial: f64,
-    /// How far `initial` is trusted, 0: exactly; `None`: the start is unknown.
+    /// Standard deviation of `initial`, 0: exact; `None`: unknown initial state.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub initial_std: Option<f64>,
 }
@@ -40,7 +40,7 @@ pub struct ParameterEntry {
     pub unit: Option<String>,
     /// Its value.
     pub value: f64,
-    /// The value is exact (kinematics, gravity): no cause of a gap is looked for in it, and a fit of `all` parameters leaves it.
+    /// The value is exact (kinematics, gravity): it is no candidate cause of a gap, and a fit of `all` parameters keeps it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub known: bool,
 }
@@ -53,7 +53,7 @@ impl ParameterEntry {
     }
 }
 
-/// What the outputs of a group are together.
+/// The joint meaning of the outputs of a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum GroupKind {
@@ -64,18 +64,18 @@ pub enum GroupKind {
     Attitude,
 }
 
-/// Outputs that are judged together.
+/// Outputs with a common error measure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GroupEntry {
     /// The outputs' names.
     pub outputs: Vec<String>,
-    /// What they are together.
+    /// Their joint meaning.
     #[serde(default)]
     pub kind: GroupKind,
 }
 
-/// A nonlinear model as it stands in its file. The tables keep the file's order; that of `states` is the order of the states.
+/// A nonlinear model as in its file. The tables keep the file's order; that of `states` is the order of the states.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EquationsFile {
@@ -91,19 +91,19 @@ pub struct EquationsFile {
     /// The outputs.
     #[serde(serialize_with = "without_operating")]
     pub outputs: Vec<Channel>,
-    /// One delay per input, seconds; empty: none.
+    /// One delay per input, s; empty: none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub input_delay_s: Vec<f64>,
-    /// The states, in order; none where every output follows its inputs at once.
+    /// The states, in order; empty for a static model.
     #[serde(with = "table", default)]
     pub states: Vec<(String, StateEntry)>,
     /// The parameters, in order.
     #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
     pub parameters: Vec<(String, ParameterEntry)>,
-    /// Named expressions that equations, and definitions after them, can use.
+    /// Named expressions, available to equations and to later definitions.
     #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
     pub definitions: Vec<(String, String)>,
-    /// Where states start in a window of a log, in what is known at its first row; others start from their column, else from `initial`.
+    /// Initial states of a window of a log, as expressions in its first row. Other states start from their column, else from `initial`.
     #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
     pub starts: Vec<(String, String)>,
     /// dx/dt of each state.
@@ -112,16 +112,16 @@ pub struct EquationsFile {
     /// Each output.
     #[serde(with = "table")]
     pub output_equations: Vec<(String, String)>,
-    /// Outputs that are judged together; an output of no group is one of its own.
+    /// Outputs with a common error measure; an output outside all groups is its own group.
     #[serde(with = "table", default, skip_serializing_if = "Vec::is_empty")]
     pub groups: Vec<(String, GroupEntry)>,
-    /// Effects that belong to the simulator.
+    /// Effects that are part of the simulator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectEntry>,
-    /// Terms that are suspected to be missing.
+    /// Terms that may be missing.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub candidates: Vec<CandidateEntry>,
-    /// What is unknown anew in every log and no cause of a gap.
+    /// Values that are unknown in every log and no cause of a gap.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub nuisances: Vec<NuisanceEntry>,
 }
@@ -205,7 +205,7 @@ impl EquationsFile {
         }
     }
 
-    /// A file that holds nothing yet.
+    /// An empty file.
     pub(super) fn empty(name: &str) -> Self {
         Self {
             format: FORMAT.to_owned(),
@@ -231,7 +231,7 @@ impl EquationsFile {
     /// Reads and checks a model file.
     ///
     /// # Errors
-    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] that names the file and what is wrong in it.
+    /// [`FileError`](deadtime_signal::file::FileError), or a [`ModelError`] with the file and the fault.
     pub fn read(path: &Path) -> Result<Self> {
         let (text, syntax) = read_text(path)?;
         Ok(Self::parse(&text, syntax, path)?)
@@ -282,7 +282,7 @@ impl EquationsFile {
         self.compile(path).map(drop)
     }
 
-    /// Groups and slopes name what there is.
+    /// Groups and slopes refer to existing names.
     fn check_groups(&self, path: &Path) -> Result<(), ModelError> {
         let unmatched = |what, name: &str, lacks| Err(unmatched(path, what, name, lacks));
         for input in &self.inputs {
@@ -332,12 +332,12 @@ impl EquationsFile {
     /// The compiled model.
     ///
     /// # Errors
-    /// [`ModelError::Equations`], which points into the expression; [`ModelError::Unmatched`] for a state without a derivative and its like.
+    /// [`ModelError::Equations`], which points into the expression; [`ModelError::Unmatched`] for a state without a derivative and similar faults.
     pub fn equations(&self) -> Result<Equations, ModelError> {
         self.compile(Path::new(&self.name))
     }
 
-    /// The states' starts as the outputs of a model with the same names, an output named after its state; `None` where the file has none.
+    /// The initial states as the outputs of a model with the same names, one output named after each state; `None` without any in the file.
     ///
     /// # Errors
     /// As [`Self::equations`].
@@ -345,7 +345,7 @@ impl EquationsFile {
         self.compile_starts(Path::new(&self.name))
     }
 
-    /// The compiled model with the file's candidates in it; `None` where it has none.
+    /// The compiled model with the file's candidates; `None` without candidates.
     ///
     /// # Errors
     /// As [`Self::equations`], and [`ModelError::Candidate`].

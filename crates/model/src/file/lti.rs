@@ -22,7 +22,7 @@ use deadtime_signal::time::SampleTime;
 
 named!(State, "a state", |name: &str| State { name: name.to_owned(), unit: None });
 
-/// A state; in a file also its name alone.
+/// A state; in a file alternatively its name alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, remote = "Self")]
 pub struct State {
@@ -33,7 +33,7 @@ pub struct State {
     pub unit: Option<String>,
 }
 
-/// A linear model with the names, units and start that make it a simulator.
+/// A linear model with names, units and initial state, ready for simulation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelFile {
@@ -50,16 +50,16 @@ pub struct ModelFile {
     pub states: Vec<State>,
     /// The outputs.
     pub outputs: Vec<Channel>,
-    /// One delay per input, seconds; empty: none.
+    /// One delay per input, s; empty: none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub input_delay_s: Vec<f64>,
-    /// The state when a log starts; empty: 0.
+    /// The state at the start of a log; empty: 0.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub initial: Vec<f64>,
-    /// Standard deviation of `initial`; empty: the start is unknown.
+    /// Standard deviation of `initial`; empty: unknown initial state.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub initial_std: Vec<f64>,
-    /// Entries of A and B whose values are certain, as `A_phi_p` for φ' = p: a fit of `all` parameters leaves them.
+    /// Entries of A and B with exact values, as `A_phi_p` for φ' = p; a fit of `all` parameters keeps them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known: Vec<String>,
     #[serde(rename = "A")]
@@ -71,13 +71,13 @@ pub struct ModelFile {
     /// Empty: 0.
     #[serde(rename = "D", default)]
     d: Vec<Vec<f64>>,
-    /// Effects that belong to the simulator.
+    /// Effects that are part of the simulator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectEntry>,
-    /// Terms that are suspected to be missing: with one, the model is simulated as equations.
+    /// Terms that may be missing; a model with such terms is simulated as equations.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub candidates: Vec<CandidateEntry>,
-    /// What is unknown anew in every log and no cause of a gap.
+    /// Values that are unknown in every log and no cause of a gap.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub nuisances: Vec<NuisanceEntry>,
 }
@@ -112,7 +112,7 @@ impl ModelFile {
         }
     }
 
-    /// Every entry that is called known is an entry of A or B that is not 0.
+    /// Every entry marked as known is a nonzero entry of A or B.
     fn check_known(&self, path: &Path) -> Result<(), ModelError> {
         if self.known.is_empty() {
             return Ok(());
@@ -134,7 +134,7 @@ impl ModelFile {
     /// A file for a continuous model.
     ///
     /// # Errors
-    /// [`ModelError::Count`] where names and matrices do not fit.
+    /// [`ModelError::Count`] where names and matrices do not match.
     pub fn from_continuous(
         name: &str,
         sys: &StateSpace<Continuous>,
@@ -152,10 +152,10 @@ impl ModelFile {
         )
     }
 
-    /// A file for a sampled model. States that a conversion added get names of their own where `states` is too short.
+    /// A file for a sampled model. States added by a conversion get generated names where `states` is too short.
     ///
     /// # Errors
-    /// [`ModelError::Count`] where names and matrices do not fit.
+    /// [`ModelError::Count`] where names and matrices do not match.
     pub fn from_sampled(
         name: &str,
         sys: &StateSpace<Sampled>,
@@ -165,7 +165,7 @@ impl ModelFile {
     ) -> Result<Self, ModelError> {
         let ts = sys.sample_time();
         let delays = sys.input_delay().iter().map(|&d| ts.to_seconds(d as f64)).collect();
-        // A realisation with fewer states than named (after cancellation) or of another kind has states of its own.
+        // A realisation of another kind, or with fewer states than names (after cancellation), gets generated names.
         if sys.order() < states.len() {
             states.clear();
         }
@@ -181,10 +181,10 @@ impl ModelFile {
         )
     }
 
-    /// The sampled model of a continuous one, of all its channels or of one output and input (counted from 0).
+    /// The sampled model of a continuous one, for all its channels or for one output and input (counted from 0).
     ///
     /// # Errors
-    /// [`ModelError::Effects`], [`ModelError::Domain`], and what the conversion cannot do.
+    /// [`ModelError::Effects`], [`ModelError::Domain`], and the errors of the conversion.
     pub fn c2d(
         &self,
         conversion: &dyn Conversion,
@@ -204,7 +204,7 @@ impl ModelFile {
         let sampled = conversion.c2d(&sys, sample_time)?;
         let mut result =
             Self::from_sampled(&self.name, &sampled, inputs, self.states.clone(), outputs)?;
-        // A start in other states than the file's means nothing here.
+        // The initial state applies only to the file's own states.
         if sampled.order() == self.states.len() && conversion.keeps_states() {
             (result.initial, result.initial_std) = (self.initial.clone(), self.initial_std.clone());
         }
@@ -253,11 +253,11 @@ impl ModelFile {
         })
     }
 
-    /// The same model as equations, its entries of A and B that are not 0 as parameters `A_x_from` and `B_x_from`; about these operating points of the inputs,
+    /// The same model as equations, with its nonzero entries of A and B as parameters `A_x_from` and `B_x_from`. The operating points are those of the inputs,
     /// the states and the outputs (0 where a list is too short).
     ///
     /// # Errors
-    /// [`ModelError::Domain`] if it is sampled; [`ModelError::Equations`] where a name cannot stand in an expression.
+    /// [`ModelError::Domain`] if it is sampled; [`ModelError::Equations`] for a name that is invalid in an expression.
     pub fn to_equations(
         &self,
         [about_inputs, about_states, about_outputs]: [&[f64]; 3],
@@ -313,7 +313,7 @@ impl ModelFile {
         })
     }
 
-    /// The entries of A and B that are not 0 as parameters, and each state's derivative by them.
+    /// The nonzero entries of A and B as parameters, and each state's derivative in terms of them.
     fn entries(
         &self,
         sys: &StateSpace<Continuous>,
@@ -364,7 +364,7 @@ impl ModelFile {
     fn matrices(&self) -> Result<[DMatrix<f64>; 4], ModelError> {
         let (n, m, p) = (self.states.len(), self.inputs.len(), self.outputs.len());
         let matrix = |matrix: &'static str, rows: &[Vec<f64>], needed: (usize, usize)| {
-            // No states: the file may write [] for a matrix of no rows or of no columns.
+            // Without states the file may write [] for a matrix of no rows or of no columns.
             let columns = rows
                 .iter()
                 .find(|r| r.len() != needed.1)

@@ -1,4 +1,4 @@
-//! The model file, `deadtime/model@1`: TOML or JSON, as the extension says; linear, as equations or as transfer functions, as its `kind` says.
+//! The model file, `deadtime/model@1`: TOML or JSON by its extension; linear, as equations or as transfer functions by its `kind`.
 
 #![deny(clippy::indexing_slicing)]
 

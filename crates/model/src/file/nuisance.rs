@@ -1,4 +1,4 @@
-//! What is unknown anew in every log and no cause of a gap: `[[nuisances]]` of a model file.
+//! Values that are unknown in every log and no cause of a gap: `[[nuisances]]` of a model file.
 
 use std::path::Path;
 
@@ -6,15 +6,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::ModelError;
 
-/// An effect that every log has with a value of its own, kept as it stands in the file.
+/// An effect with a separate value in every log, as in the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NuisanceEntry {
     /// The effect's name.
     pub effect: String,
-    /// Where it acts.
+    /// Its channel.
     pub channel: String,
-    /// The prior's standard deviation about the value at which the effect does nothing, in the unit of its parameter.
+    /// The prior's standard deviation about the value of no effect, in the unit of its parameter.
     pub std: f64,
 }
 
@@ -26,7 +26,7 @@ impl NuisanceEntry {
     }
 }
 
-/// Standard deviations that are some, and nothing twice. Whether there are such effects and channels is for whoever uses them.
+/// Standard deviations are positive, and entries unique. The existence of the effects and channels is checked at their use.
 pub(super) fn check_nuisances(path: &Path, nuisances: &[NuisanceEntry]) -> Result<(), ModelError> {
     for (at, entry) in nuisances.iter().enumerate() {
         let wrong = |why: String| {

@@ -7,7 +7,7 @@ use std::path::Path;
 
 pub(super) const FORMAT: &str = "deadtime/model@1";
 
-/// What `kind` may say.
+/// The valid values of `kind`.
 pub(super) const KINDS: &str = "lti, equations, tf and zpk";
 
 #[derive(Clone, Copy)]
@@ -60,14 +60,14 @@ pub(super) fn write_text<T: Serialize>(path: &Path, file: &T, syntax: Syntax) ->
     Ok(deadtime_signal::file::write_atomic(path, |out| out.write_all(text.as_bytes()))?)
 }
 
-/// The keys that say what the rest means.
+/// The keys that define the format of the file.
 #[derive(Deserialize)]
 pub(super) struct Header {
     format: Option<String>,
     kind: Option<String>,
 }
 
-/// The file's kind, `lti`, `equations`, `tf` or `zpk`; its format is that of this version.
+/// The file's kind, `lti`, `equations`, `tf` or `zpk`; checks that its format is that of this version.
 pub(super) fn kind(text: &str, syntax: Syntax, path: &Path) -> Result<String, ModelError> {
     let Header { format, kind } = parse_text(text, syntax, path)?;
     let wrong = |key, found: Option<String>, known| {

@@ -37,7 +37,7 @@ struct TransferFile {
     nuisances: Vec<NuisanceEntry>,
 }
 
-/// From one input to one output; names may be left out where there is only one.
+/// From one input to one output; names are optional where there is only one.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Transfer {
@@ -70,7 +70,7 @@ impl Root {
     }
 }
 
-/// The file as a linear model: the states of every transfer function behind each other.
+/// The file as a linear model: the concatenated states of every transfer function.
 pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<ModelFile, ModelError> {
     let file: TransferFile = parse_text(text, syntax, path)?;
     let wrong = |detail: String| ModelError::File { path: path.to_owned(), detail };

@@ -1,7 +1,7 @@
-//! The continuous algebraic Riccati equation, and the regulator that it gives.
+//! The continuous algebraic Riccati equation, and its regulator.
 //!
-//! How it can be wrong: the solution is not the stabilising one (the poles of the loop are checked); rounding leaves a residual (Newton steps remove it); units are far
-//! apart (the states are scaled).
+//! How it can be wrong: the solution is not the stabilising one (the poles of the loop are checked). Rounding leaves a residual (Newton steps remove it). Units
+//! are far apart (the states are scaled).
 
 use nalgebra::DMatrix;
 
@@ -13,9 +13,9 @@ use crate::error::ModelError;
 use crate::lyapunov::lyap;
 use crate::zeros;
 
-/// Newton steps, each of which halves the residual at least.
+/// Largest number of Newton steps; each at least halves the residual.
 const NEWTON_STEPS: usize = 20;
-/// The residual relative to the terms of the equation above which a solution is refused.
+/// Largest relative residual of an accepted solution, relative to the terms of the equation.
 const TRUSTED: f64 = 1e-9;
 
 /// The stabilising solution X of AᵀX + XA − (XB + N)R⁻¹(BᵀX + Nᵀ) + Q = 0, as MATLAB's `care`.
@@ -34,14 +34,15 @@ pub fn care(
     Ok(lqr(a, b, q, r, n)?.x)
 }
 
-/// The gain K that minimises ∫ xᵀQx + uᵀRu + 2xᵀNu dt over ẋ = A x + B u by u = −K x, as MATLAB's `lqr`.
+/// The gain K that minimises ∫ xᵀQx + uᵀRu + 2xᵀNu dt over ẋ = A x + B u by u = −K x. MATLAB: `lqr`.
 ///
 /// Structure-preserving doubling of the Cayley transform, then Newton steps.
 /// Source: Chu, Fan and Lin (2005), "A structure-preserving doubling algorithm for continuous-time algebraic Riccati equations", Linear Algebra Appl. 396, 55-80,
 /// doi:10.1016/j.laa.2004.10.010; Kleinman (1968), doi:10.1109/TAC.1968.1098829.
 ///
 /// # Errors
-/// [`ModelError::Shape`], [`ModelError::NotFinite`], [`ModelError::NotSymmetric`], [`ModelError::WeightR`]; [`ModelError::IllConditioned`] where no stabilising solution was found.
+/// [`ModelError::Shape`], [`ModelError::NotFinite`], [`ModelError::NotSymmetric`], [`ModelError::WeightR`]; [`ModelError::IllConditioned`] where no
+/// stabilising solution was found.
 pub fn lqr(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,
@@ -64,7 +65,7 @@ pub fn lqr(
         let x = if order == 0 { q.clone() } else { lyap(&a.transpose(), q)? };
         return Ok(Lqr { k: DMatrix::zeros(inputs, order), x, poles });
     }
-    // An input counts by what it moves at unit cost, a state by what it costs.
+    // The weight of an input is its effect at unit cost, that of a state its cost.
     let driven = b * inverse.map(|v| v.abs().sqrt());
     let seen = DMatrix::from_diagonal(&q.diagonal().map(|v| v.abs().sqrt()));
     let Some(units) = Units::of_model(a, &driven, &seen).worth() else {
@@ -164,7 +165,7 @@ mod tests {
         }
     }
 
-    /// Peers that check symmetry ask for the last bit.
+    /// Other tools that check symmetry require the last bit.
     #[test]
     fn solutions_are_symmetric_to_the_last_bit() {
         let mut random = ChaCha8Rng::seed_from_u64(4);

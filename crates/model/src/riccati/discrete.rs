@@ -12,7 +12,7 @@ use crate::parts::{parts, put, taken};
 use crate::shape::check_matrix;
 use crate::zeros;
 
-/// The gain K that minimises Σ xᵀQx + uᵀRu + 2xᵀNu over x(k+1) = A x(k) + B u(k) by u = −K x, as MATLAB's `dlqr`.
+/// The gain K that minimises Σ xᵀQx + uᵀRu + 2xᵀNu over x(k+1) = A x(k) + B u(k) by u = −K x. MATLAB: `dlqr`.
 ///
 /// Shapes: A n×n, B n×m, Q n×n, R m×m, N n×m (`None`: 0). The gain belongs to the state's realisation: two realisations of one transfer function
 /// (the Tustin models of different tools, say) have different gains.
@@ -31,16 +31,16 @@ pub fn dlqr(
 
 /// The stabilising solution X of AᵀXA − X − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0.
 ///
-/// Structure-preserving doubling: quadratic convergence, no eigenvalue ordering; where Q does not see an unstable mode, Hewer's policy iteration instead. Where
-/// rounding left a residual, Newton steps take it off. Units far apart are brought together first.
+/// Structure-preserving doubling: quadratic convergence without eigenvalue ordering. If Q does not observe an unstable mode, Hewer's policy iteration replaces
+/// it. Newton steps remove a residual from rounding. Widely different units are rescaled first.
 ///
 /// Source: Chu, Fan, Lin and Wang (2004), "Structure-preserving algorithms for periodic discrete-time algebraic Riccati equations",
 /// Int. J. Control 77(8), 767-788, doi:10.1080/00207170410001714988.
 ///
 /// # Errors
-/// [`ModelError::Shape`], [`ModelError::NotFinite`], [`ModelError::NotSymmetric`], [`ModelError::WeightR`]; without a stabilising solution the assumption that
-/// fails: [`ModelError::NotStabilisable`], [`ModelError::UnseenOnCircle`] or [`ModelError::Indefinite`]; [`ModelError::IllConditioned`] where the answer
-/// could not be trusted.
+/// [`ModelError::Shape`], [`ModelError::NotFinite`], [`ModelError::NotSymmetric`], [`ModelError::WeightR`]. Without a stabilising solution the violated
+/// assumption: [`ModelError::NotStabilisable`], [`ModelError::UnseenOnCircle`] or [`ModelError::Indefinite`]; [`ModelError::IllConditioned`] for an inaccurate
+/// solution.
 pub fn dare(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,
@@ -51,7 +51,8 @@ pub fn dare(
     Ok(Regulation { a, b, q, r, n }.solve()?.x)
 }
 
-/// The stabilising solution X of AᵀXA − EᵀXE − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0, the generalised equation, and the gain of u = −K x over E x(k+1) = A x(k) + B u(k).
+/// The stabilising solution X of the generalised equation AᵀXA − EᵀXE − (AᵀXB + N)(R + BᵀXB)⁻¹(BᵀXA + Nᵀ) + Q = 0. Also the gain of u = −K x over E x(k+1) = A
+/// x(k) + B u(k).
 ///
 /// As scipy's `solve_discrete_are` and MATLAB's `idare` with E, which is regular (n×n).
 ///
@@ -67,7 +68,7 @@ pub fn gdare(
 ) -> Result<Lqr, ModelError> {
     check_matrix("E", e, (a.nrows(), a.nrows()))?;
     Regulation { a, b, q, r, n }.check()?;
-    // In E x as the state: A E⁻¹, E⁻ᵀQE⁻¹ and E⁻ᵀN, with X as it is.
+    // With E x as the state: A E⁻¹, E⁻ᵀQE⁻¹ and E⁻ᵀN, with X unchanged.
     let back = e.clone().lu();
     let ahead = e.transpose().lu();
     let singular = || ModelError::IllConditioned { residual: f64::INFINITY };
@@ -83,11 +84,11 @@ pub fn gdare(
     Ok(Lqr { k: lqr.k * e, ..lqr })
 }
 
-/// Newton steps against what rounding left; each one after the first halves the residual at least.
+/// Newton steps against rounding; each one after the first at least halves the residual.
 const NEWTON_STEPS: usize = 12;
-/// The residual relative to the solution above which it is refused.
+/// Largest residual of an accepted solution, relative to the solution.
 const TRUSTED: f64 = 1e-8;
-/// What inputs without a cost cost in the first regulator, as a share of what they move.
+/// Cost of otherwise cost-free inputs in the first regulator, relative to their effect.
 const COSTLIER: f64 = 1e-3;
 
 /// A regulator's plant and weights: x(k+1) = A x(k) + B u(k) at the cost Σ xᵀQx + uᵀRu + 2xᵀNu.
@@ -107,8 +108,7 @@ impl Regulation<'_> {
         check_weights([a, b, q, r, n.unwrap_or(&zero)])
     }
 
-    /// The solution with its gain and closed loop, which prove it; states and inputs that nothing
-    /// joins, neither the plant nor the cost, are parts of their own.
+    /// The solution with its gain and closed loop, which verify it. States and inputs that neither the plant nor the cost couples are separate parts.
     fn solve(self) -> Result<Lqr, ModelError> {
         let Self { a, b, q, r, n } = self;
         self.check()?;
@@ -149,7 +149,8 @@ impl Regulation<'_> {
         Ok(Lqr { k, x, poles })
     }
 
-    /// As [`Self::solve`], all at once: in the units at hand, and where these are far apart in like ones too. The smaller residual decides.
+    /// As [`Self::solve`], without decoupling: in the present units, and in balanced ones where these differ widely. The result with the smaller residual is
+    /// returned.
     fn solve_part(self) -> Result<Lqr, ModelError> {
         let given = self.solve_in_units();
         let Some((units, inputs)) = self.units() else { return given };
@@ -187,8 +188,8 @@ impl Regulation<'_> {
         }
     }
 
-    /// Units of the states in which plant and weights have entries of like size, and of the inputs in which the diagonal of R has; `None` where those at hand
-    /// are near them.
+    /// Units of the states that balance the entries of plant and weights, and of the inputs that balance the diagonal of R. `None` where the present ones are
+    /// near them.
     fn units(self) -> Option<(Units, Vec<f64>)> {
         let Self { a, b, q, r, .. } = self;
         let inputs: Vec<f64> = r
@@ -207,7 +208,7 @@ impl Regulation<'_> {
         self.residual(&lqr.x, &lqr.k).norm() / size
     }
 
-    /// As [`Self::solve_part`], in the units at hand.
+    /// As [`Self::solve_part`], in the present units.
     fn solve_in_units(self) -> Result<Lqr, ModelError> {
         let Self { a, b, q, r, n } = self;
         let (order, inputs) = b.shape();
@@ -219,13 +220,13 @@ impl Regulation<'_> {
             });
         }
         if inputs == 0 {
-            // Nothing to steer with: as an input that moves nothing.
+            // No inputs: replaced by one without an effect.
             let (b, r) = (DMatrix::zeros(order, 1), DMatrix::identity(1, 1));
             let still = Regulation { b: &b, r: &r, n: None, ..self }.solve_in_units()?;
             return Ok(Lqr { k: DMatrix::zeros(0, order), ..still });
         }
         let Some(r_factor) = r.clone().cholesky() else { return self.with_free_inputs() };
-        // The cross term goes into A and Q: u = v − R⁻¹Nᵀx.
+        // The cross term is moved into A and Q: u = v − R⁻¹Nᵀx.
         let (a0, q0) = match n {
             None => (a.clone(), q.clone()),
             Some(n) => {
@@ -242,7 +243,7 @@ impl Regulation<'_> {
             return Ok(lqr);
         }
         let ill = match self.why_none(&a0, &q0) {
-            // No assumption fails: an unstable mode that costs nothing, which doubling leaves alone, or weights so far apart that it loses its digits.
+            // No assumption is violated: an unstable mode without cost, which doubling leaves unchanged, or a loss of digits from widely different weights.
             ill @ ModelError::IllConditioned { .. } => ill,
             reason => return Err(reason),
         };
@@ -255,8 +256,8 @@ impl Regulation<'_> {
         Err(ill)
     }
 
-    /// As [`Self::solve_in_units`] where some input costs nothing but what it moves: R is singular, R + BᵀXB is not. Policy iteration starts from the regulator of
-    /// costlier inputs, or from none where the plant decays by itself.
+    /// As [`Self::solve_in_units`] for an input without a cost of its own: R is singular, R + BᵀXB is not. Policy iteration starts from the regulator with more
+    /// expensive inputs, or from zero gain for a stable plant.
     fn with_free_inputs(self) -> Result<Lqr, ModelError> {
         let Self { a, b, q, r, .. } = self;
         let smallest = smallest_eigenvalue(r);
@@ -281,26 +282,26 @@ impl Regulation<'_> {
         let newton = Newton {
             gain: |x: &DMatrix<f64>| self.gain(x),
             residual: |x: &DMatrix<f64>, k: &DMatrix<f64>| self.residual(x, k),
-            // The correction solves a Stein equation with the closed loop; that of a loop that is not stable overflows.
+            // The correction solves a Stein equation with the closed loop; for an unstable loop it overflows.
             correction: |k: &DMatrix<f64>, error: &DMatrix<f64>| Some(stein(&(a - b * k), error)),
             steps: NEWTON_STEPS,
             free: 1,
             settled: 1e-14,
         };
         let Refined { x, k, .. } = newton.refine(first)?;
-        // Where R + BᵀXB is not positive the stationary point is no minimum.
+        // If R + BᵀXB is not positive definite, the stationary point is no minimum.
         (r + b.transpose() * &x * b).cholesky()?;
         let poles = zeros::eigenvalues(&(a - b * &k));
         poles.iter().all(|p| p.norm() < 1.0).then_some(Lqr { k, x, poles })
     }
 
-    /// A stabilising gain: the best one for Q = I.
+    /// A stabilising gain: the optimal one for Q = I.
     fn gain_for_unit_cost(self, g: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         let order = self.a.nrows();
         self.gain(&doubling(self.a, g, &DMatrix::identity(order, order))?)
     }
 
-    /// A stabilising gain: the best one for Q = I and inputs that cost as much as they move.
+    /// A stabilising gain: the optimal one for Q = I and inputs whose cost equals their effect.
     fn gain_for_mild_cost(self) -> Option<DMatrix<f64>> {
         let Self { a, b, .. } = self;
         let (order, inputs) = b.shape();
@@ -311,7 +312,7 @@ impl Regulation<'_> {
         Regulation { r: &r, q: &q, ..self }.gain(&x)
     }
 
-    /// The largest solution, from a stabilising gain: X of the loop closed so far, then the gain for that X, until it settles.
+    /// The largest solution, from a stabilising gain: X of the present closed loop, then the gain for that X, until convergence.
     ///
     /// Source: Hewer (1971), "An iterative technique for the computation of the steady state gains
     /// for the discrete optimal regulator", IEEE Trans. Automatic Control 16(4), 382-384,
@@ -332,7 +333,7 @@ impl Regulation<'_> {
             }
             let next = symmetric(stein(&loop_matrix, &symmetric(cost)));
             let change = x.as_ref().map_or(f64::INFINITY, |x| (&next - x).norm() / next.norm());
-            // Changes fall until rounding makes them stand.
+            // Changes decrease until rounding keeps them constant.
             if change <= 1e-14 || (change < 1e-6 && change >= least) {
                 return Some(next);
             }
@@ -343,7 +344,7 @@ impl Regulation<'_> {
         None
     }
 
-    /// The assumption that fails, by the Popov-Belevitch-Hautus tests.
+    /// The violated assumption, by the Popov-Belevitch-Hautus tests.
     fn why_none(self, a0: &DMatrix<f64>, q0: &DMatrix<f64>) -> ModelError {
         let Self { b, q, r, n, .. } = self;
         let order = a0.nrows();
@@ -402,8 +403,8 @@ impl Regulation<'_> {
         weight.lu().solve(&right)
     }
 
-    /// As [`Self::gain`] for more inputs than states, R⁻¹Nᵀ + R⁻¹BᵀX(I + GX)⁻¹(A − BR⁻¹Nᵀ): in directions that move nothing R alone decides, and a sum with
-    /// BᵀXB would round it off.
+    /// As [`Self::gain`] for more inputs than states, R⁻¹Nᵀ + R⁻¹BᵀX(I + GX)⁻¹(A − BR⁻¹Nᵀ). In directions without effect R alone decides, and a sum with BᵀXB
+    /// would lose it to rounding.
     fn gain_of_many_inputs(
         self,
         x: &DMatrix<f64>,
@@ -421,7 +422,7 @@ impl Regulation<'_> {
         Some(through * x * moved + shift)
     }
 
-    /// The residual in the form that loses least: (A − BK)ᵀX(A − BK) + Q + KᵀRK − NK − KᵀNᵀ − X.
+    /// The residual in its most accurate form: (A − BK)ᵀX(A − BK) + Q + KᵀRK − NK − KᵀNᵀ − X.
     fn residual(self, x: &DMatrix<f64>, k: &DMatrix<f64>) -> DMatrix<f64> {
         let Self { a, b, q, r, n } = self;
         let loop_matrix = a - b * k;
@@ -530,7 +531,7 @@ mod tests {
         assert!(matches!(error, ModelError::Indefinite { .. }), "{error}");
     }
 
-    /// Three plants and an input that moves nothing, mixed: the parts against the whole in coordinates in which no entry is 0.
+    /// Three plants and an input without effect, mixed: the parts against the whole in coordinates without zero entries.
     #[test]
     fn parts_that_do_not_touch_have_the_solution_of_the_whole() {
         let a = m(
@@ -563,7 +564,7 @@ mod tests {
         assert!(parts.k.row(1).iter().all(|k| *k == 0.0));
     }
 
-    /// A part that has no solution gives the error of the whole.
+    /// A part without a solution gives the error of the whole.
     #[test]
     fn an_input_without_cost_is_named_in_a_part_too() {
         let r = m(2, 2, &[1.0, 0.0, 0.0, -2.0]);
@@ -574,7 +575,7 @@ mod tests {
 
     #[test]
     fn an_input_without_cost_is_named() {
-        // An input that moves nothing has no gain of least cost, one that costs less than nothing none at all.
+        // An input without effect has no optimal gain at zero cost; a negative cost has none either.
         for (b, r) in [(0.0, 0.0), (1.0, -1.0)] {
             let (half, b) = (m(1, 1, &[0.5]), m(1, 1, &[b]));
             let error = dlqr(&half, &b, &identity(1), &m(1, 1, &[r]), None).unwrap_err();
@@ -595,7 +596,7 @@ mod tests {
         );
         let q = DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![1e5, 1e3, 10.0]));
         let found = dlqr(&a, &b, &q, &m(2, 2, &[0.0, 0.0, 0.0, 1.0]), None).unwrap();
-        // x₁₁ = q₁₁, x₂₂ = q₂₂ (the first input undoes what x₁ gets), x₃₃ = q₃₃ + 0.01²·x₂₂.
+        // x₁₁ = q₁₁, x₂₂ = q₂₂ (the first input cancels the change of x₁), x₃₃ = q₃₃ + 0.01²·x₂₂.
         let mut by_hand = q.clone();
         by_hand[(2, 2)] = 10.1;
         assert_abs_diff_eq!(found.x, by_hand, epsilon = 1e-10);
@@ -672,7 +673,7 @@ mod tests {
         assert_abs_diff_eq!(solution.x[(0, 0)], 3.0, epsilon = 1e-12);
     }
 
-    /// With R = 1 and a = 2 the stationary point for Q = −100 has a stable loop, but R + BᵀXB < 0: it is a maximum.
+    /// With R = 1 and a = 2 the stationary point for Q = −100 has a stable loop. The point is a maximum, because R + BᵀXB < 0.
     #[test]
     fn a_stationary_point_that_is_no_minimum_is_refused() {
         let error = dare(&m(1, 1, &[2.0]), &identity(1), &m(1, 1, &[-100.0]), &identity(1), None)

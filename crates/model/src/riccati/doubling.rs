@@ -1,11 +1,11 @@
-//! The structure-preserving doubling that the discrete and the continuous equation share.
+//! The structure-preserving doubling shared by the discrete and the continuous equation.
 
 use nalgebra::allocator::Allocator;
 use nalgebra::{Const, DMatrix, DefaultAllocator, DimMin, OMatrix};
 
-/// The smallest nonnegative solution for A, G = BR⁻¹Bᵀ and Q, by doubling: the stabilising one where Q sees every unstable mode.
+/// The smallest nonnegative solution for A, G = BR⁻¹Bᵀ and Q, by doubling: the stabilising one where Q observes every unstable mode.
 ///
-/// Few states have a size that the compiler knows, which takes a third of the time of three states and half that of nine.
+/// A small number of states is fixed at compile time, which takes 1/3 of the run time for three states and 1/2 for nine.
 pub(super) fn doubling(
     a: &DMatrix<f64>,
     g: &DMatrix<f64>,
@@ -37,7 +37,7 @@ where
     doubled(a, g, q).map(|x| DMatrix::from_column_slice(N, N, x.as_slice()))
 }
 
-/// As [`doubling`], of any size.
+/// As [`doubling`], for any size.
 fn doubled<D>(
     mut ak: OMatrix<f64, D, D>,
     mut gk: OMatrix<f64, D, D>,
@@ -66,7 +66,7 @@ where
         if !norm.is_finite() {
             return None;
         }
-        // The next step is AᵀH(I + GH)⁻¹A, which is at most AᵀHA.
+        // The next step is AᵀH(I + GH)⁻¹A, bounded by AᵀHA.
         if step.norm() <= 1e-16 * norm || ak.norm_squared() <= 1e-16 {
             return Some(hk);
         }

@@ -1,4 +1,4 @@
-//! Kalman's filters in steady state: the regulators of transposed plants.
+//! Steady-state Kalman filters, as regulators of transposed plants.
 
 use nalgebra::{Complex, DMatrix};
 
@@ -7,10 +7,10 @@ use super::discrete::dlqr;
 use super::regulator::Lqr;
 use crate::error::ModelError;
 
-/// Kalman's filter in steady state.
+/// A steady-state Kalman filter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filter {
-    /// The predictor's gain, n×p: x̂⁺ = A x̂ + L (y − C x̂), or the same of the derivative.
+    /// The predictor's gain, n×p: x̂⁺ = A x̂ + L (y − C x̂), or the corresponding one for the derivative.
     pub gain: DMatrix<f64>,
     /// The covariance of the prediction's error, n×n.
     pub covariance: DMatrix<f64>,
@@ -24,11 +24,11 @@ impl Filter {
     }
 }
 
-/// Kalman's filter of x(k+1) = A x(k) + w, y = C x + v with covariances Q of w (n×n), R of v (p×p) and N between the two (n×p; `None`: 0), as MATLAB's `dlqe` and
-/// `kalman` (the predictor's gain, A times that of the update).
+/// The Kalman filter of x(k+1) = A x(k) + w, y = C x + v. Covariances: Q of w (n×n), R of v (p×p), N between the two (n×p; `None`: 0). MATLAB: `dlqe` and
+/// `kalman`; the predictor's gain is A times that of the update.
 ///
 /// # Errors
-/// As [`dlqr`], of the transposed plant.
+/// As [`dlqr`], for the transposed plant.
 pub fn dlqe(
     a: &DMatrix<f64>,
     c: &DMatrix<f64>,
@@ -39,10 +39,10 @@ pub fn dlqe(
     dlqr(&a.transpose(), &c.transpose(), q, r, n).map(Filter::of)
 }
 
-/// Kalman's filter of ẋ = A x + w, y = C x + v with intensities Q of w (n×n), R of v (p×p) and N between the two (n×p; `None`: 0), as MATLAB's `lqe`.
+/// The Kalman filter of ẋ = A x + w, y = C x + v, as MATLAB's `lqe`. Intensities: Q of w (n×n), R of v (p×p), N between the two (n×p; `None`: 0).
 ///
 /// # Errors
-/// As [`lqr`], of the transposed plant.
+/// As [`lqr`], for the transposed plant.
 pub fn lqe(
     a: &DMatrix<f64>,
     c: &DMatrix<f64>,

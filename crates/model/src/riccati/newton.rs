@@ -1,4 +1,4 @@
-//! Newton's steps on a Riccati equation, which remove the residual of rounding.
+//! Newton steps on a Riccati equation, which remove the residual of rounding.
 
 use nalgebra::DMatrix;
 
@@ -10,11 +10,11 @@ pub(super) struct Newton<G, R, C> {
     pub(super) gain: G,
     /// The residual of a solution with its gain.
     pub(super) residual: R,
-    /// The change of X that a residual asks for, by the closed loop of a gain; `None` ends the steps.
+    /// The change of X for a residual, by the closed loop of a gain; `None` ends the steps.
     pub(super) correction: C,
-    /// The most steps.
+    /// Largest number of steps.
     pub(super) steps: usize,
-    /// The first steps, taken whatever their residual; each later one must halve it.
+    /// Number of first steps that are accepted with any residual; each later one must halve it.
     pub(super) free: usize,
     /// The residual relative to X at which the steps end.
     pub(super) settled: f64,
@@ -33,7 +33,7 @@ where
     R: Fn(&DMatrix<f64>, &DMatrix<f64>) -> DMatrix<f64>,
     C: Fn(&DMatrix<f64>, &DMatrix<f64>) -> Option<DMatrix<f64>>,
 {
-    /// The solution near `x`, symmetric to the last bit; `None` where one on the way has no gain.
+    /// The solution near `x`, symmetric to the last bit; `None` where an intermediate one has no gain.
     pub(super) fn refine(&self, x: DMatrix<f64>) -> Option<Refined> {
         let x = symmetric(x);
         let k = (self.gain)(&x)?;

@@ -17,7 +17,7 @@ pub struct Lqr {
     pub poles: Vec<Complex<f64>>,
 }
 
-/// Shapes of A n×n, B n×m, Q n×n, R m×m and N n×m, finite entries, and symmetric weights.
+/// Checks the shapes A n×n, B n×m, Q n×n, R m×m and N n×m, finite entries, and symmetric weights.
 pub(super) fn check_weights([a, b, q, r, n]: [&DMatrix<f64>; 5]) -> Result<(), ModelError> {
     let (order, inputs) = (a.nrows(), b.ncols());
     for (matrix, got, rows, columns) in [

@@ -1,5 +1,5 @@
-//! The plant with its hooks as one system: every signal on the way is a row over (states, signals, 1, the plant's own outputs). Late quantities are signals behind
-//! those of the inputs.
+//! The plant with its hooks as one system: every intermediate signal is a row over (states, signals, 1, the plant's own outputs). Delayed quantities are
+//! signals after those of the inputs.
 
 use super::history::{Histories, History};
 use super::piecewise::TOGETHER;
@@ -9,16 +9,16 @@ use super::system::{Affine, System};
 /// Coefficients over (states, signals, 1, the plant's own outputs).
 type Row = Vec<f64>;
 
-/// The assembled system. For an affine plant the rows hold the plant too and the coefficients of its outputs are 0; for equations the plant's rows
-/// hold only what is added to them.
+/// The assembled system. For an affine plant the rows contain the plant, and the coefficients of its outputs are 0. For equations the plant's rows contain only
+/// the terms added to them.
 pub(super) struct Assembly {
     /// States of the plant, which come first.
     pub(super) plant: usize,
     /// All states.
     pub(super) states: usize,
-    /// Signals: one per input, then one per late quantity.
+    /// Signals: one per input, then one per delayed quantity.
     pub(super) signals: usize,
-    /// What the plant receives, one row per input.
+    /// The plant's input, one row per input.
     pub(super) inputs: Vec<Row>,
     /// Derivatives, one row per state.
     pub(super) derivatives: Vec<Row>,
@@ -26,32 +26,33 @@ pub(super) struct Assembly {
     pub(super) own: usize,
     /// Outputs at the sensors, one row per output.
     pub(super) outputs: Vec<Row>,
-    /// The state at the start.
+    /// The initial state.
     pub(super) start: Vec<f64>,
     /// The states of hysteresis, in the order of the plan's terms.
     pub(super) memories: Vec<usize>,
-    /// What the late quantities are before they are late, one row each.
+    /// The delayed quantities before their delay, one row each.
     pub(super) raw: Vec<Row>,
-    /// What they were before the start.
+    /// Their values before the start.
     pub(super) late: Histories,
 }
 
-/// The shortest dead time inside equations that is simulated by its history, of a sample: each asks for four steps. The effect looks for none that is shorter.
+/// The shortest dead time inside equations that is simulated by its history, in samples: each needs four steps. The effect's search has the same bound.
 const SHORTEST: f64 = 0.02;
-/// A dead time that is shorter, of a sample, is a lag: the two differ by (ω·delay)²/2, which is 5e-8 at the highest frequency that samples show.
+/// A shorter dead time, in samples, is a lag. The two differ by (ω·delay)²/2, which is 5e-8 at the highest frequency that samples resolve.
 const A_LAG: f64 = 1e-4;
 
-/// How a dead time inside the plant is simulated.
+/// The simulation of a dead time inside the plant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum InnerDelays {
-    /// By its history, for an integrator whose samples are so far apart, s; what is shorter than `SHORTEST` of that, by an approximant.
+    /// By its history, for an integrator with this sample time, s; below `SHORTEST` samples by an approximant.
     Exact(f64),
     /// By an approximant that is linear and has states.
     Pade,
 }
 
 impl Assembly {
-    /// From the plant at that time, where it is affine, and the signals' first values. Where it is not, from a function that gives its outputs for its inputs at the start.
+    /// From the plant at that time, where it is affine, and the signals' first values. For other plants, from a function that gives the outputs for given
+    /// inputs at the start.
     pub(super) fn new(
         system: &System,
         (plan, plant): (&Plan, Option<&Affine>),
@@ -66,7 +67,7 @@ impl Assembly {
         let mut build = Build::new((plan, &realised), &waits, [n, m + late_s.len(), p]);
         build.least_s = delays.least_s();
         let states = build.states;
-        // The values of (states, signals, 1, outputs) at the start, filled in as they become known.
+        // The values of (states, signals, 1, outputs) at the start, filled in as they are determined.
         build.now[..n].copy_from_slice(x0);
         build.now[states..states + m].copy_from_slice(first);
         let one = states + m + late_s.len();
@@ -101,7 +102,7 @@ impl Assembly {
             Some(plant) => build.plant(plant, &inputs),
             None => (0..p + filters.len()).map(|i| build.unit(one + 1 + i)).collect(),
         };
-        // A quantity may depend on those before it: each round settles one more.
+        // A quantity may depend on earlier ones: each round determines one more.
         for _ in 0..=filters.len() {
             if plant.is_none() {
                 let received: Vec<f64> = inputs.iter().map(|row| build.value(row)).collect();
@@ -155,7 +156,7 @@ impl InnerDelays {
         }
     }
 
-    /// The filter as it is simulated.
+    /// The filter in its simulated form.
     fn realised(self, filter: InnerFilter) -> InnerFilter {
         match (self, filter) {
             (Self::Exact(sample_s), InnerFilter::Delay(delay_s)) if delay_s < A_LAG * sample_s => {
@@ -165,7 +166,7 @@ impl InnerDelays {
         }
     }
 
-    /// The shortest time of a filter, s. Times that an integrator takes for one are one: faster poles would only overflow its steps.
+    /// The shortest time constant of a filter, s. Shorter times have the same effect; faster poles would only overflow the integrator's steps.
     fn least_s(self) -> f64 {
         match self {
             Self::Exact(sample_s) => TOGETHER * sample_s,
@@ -180,15 +181,15 @@ fn add(to: &mut [f64], gain: f64, row: &[f64]) {
     }
 }
 
-/// The rows as they grow.
+/// The rows under construction.
 struct Build {
     states: usize,
     signals: usize,
     outputs: usize,
-    /// States given away.
+    /// Number of allocated states.
     used: usize,
     derivatives: Vec<Row>,
-    /// What the rows multiply, at the start.
+    /// The factors of the rows, at the start.
     now: Row,
     /// The states of hysteresis.
     memories: Vec<usize>,
@@ -197,7 +198,7 @@ struct Build {
 }
 
 impl Build {
-    /// For a plant of so many states, signals and outputs, whose quantities of these dead times are signals.
+    /// For a plant with these numbers of states, signals and outputs, whose quantities with these dead times are signals.
     fn new(
         (plan, inner): (&Plan, &[InnerFilter]),
         waits: &[Option<f64>],
@@ -223,7 +224,7 @@ impl Build {
         build
     }
 
-    /// What arrives of an input: behind its lags, with the modes that act on it.
+    /// The arriving value of an input: behind its lags, with the modes that act on it.
     fn arriving(&mut self, plan: &Plan, input: usize) -> Row {
         let mut v = self.unit(self.states + input);
         for &lag_s in &plan.inputs[input].lags_s {
@@ -236,7 +237,8 @@ impl Build {
         v
     }
 
-    /// The states of a filter of a quantity inside the plant; the plant receives what leaves it. The first one, which holds the quantity at rest.
+    /// The states of a filter of a quantity inside the plant; the plant receives the filter's output. Returns the first state, which holds the quantity at
+    /// rest.
     fn filter(&mut self, filter: InnerFilter, inputs: &mut Vec<Row>) -> usize {
         let (_, over, _) = filter.transfer();
         let first = self.state(0.0);
@@ -249,7 +251,7 @@ impl Build {
         first
     }
 
-    /// What moves these states: a chain of derivatives of the quantity over the denominator.
+    /// The input of these states: a chain of derivatives of the quantity over the denominator.
     fn drive(&mut self, filter: InnerFilter, first: usize, raw: &Row) {
         let (time_s, _, under) = filter.transfer();
         let time_s = time_s.max(self.least_s);
@@ -281,7 +283,7 @@ impl Build {
         }
     }
 
-    /// The terms of derivatives that are linear or run by themselves; `one` is the place of the constant.
+    /// The terms of derivatives that are linear or autonomous; `one` is the index of the constant.
     fn terms(&mut self, plan: &Plan, inputs: &[Row], one: usize) {
         for term in &plan.terms {
             match *term {
@@ -306,7 +308,7 @@ impl Build {
         }
     }
 
-    /// Between plant and measurement: outputs that mix, then lags.
+    /// Between plant and measurement: mixing outputs, then lags.
     fn sensors(&mut self, plan: &Plan, outputs: &mut [Row]) {
         let before = outputs.to_vec();
         for (to, path) in plan.outputs.iter().enumerate() {
@@ -360,7 +362,7 @@ impl Build {
         q
     }
 
-    /// sin(ωt + phase); the state that holds it.
+    /// sin(ωt + phase); returns the state that holds it.
     fn oscillator(&mut self, omega: f64, phase: f64) -> usize {
         let sine = self.state(phase.sin());
         let cosine = self.state(phase.cos());

@@ -1,4 +1,4 @@
-//! A simulator that can only be called: somebody else's program, a recorded run, anything that makes outputs of commands.
+//! A simulator behind a single call: an external program, a recorded run, or anything else that maps commands to outputs.
 
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::fmt;
@@ -13,36 +13,36 @@ use super::simulator::{Port, Restart, Simulator};
 use super::system::{Dynamics, System};
 use deadtime_signal::stop::Stop;
 
-/// A state whose start a user names.
+/// A state whose initial value the user names.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Start {
     /// Name and unit.
     pub port: Port,
-    /// Its value when a log starts.
+    /// Its value at the start of a log.
     pub initial: f64,
-    /// The standard deviation of that; `None` where the start is unknown.
+    /// Its standard deviation; `None` for an unknown initial value.
     pub std: Option<f64>,
 }
 
-/// The names under which a simulator's channels stand in logs.
+/// The channel names of a simulator in logs.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Face {
-    /// What the simulator is called.
+    /// The name of the simulator.
     pub name: String,
     /// The inputs, in the order of the columns of `u`.
     pub inputs: Vec<Port>,
-    /// The outputs, in the order of the columns of the answer.
+    /// The outputs, in the order of the columns of the result.
     pub outputs: Vec<Port>,
-    /// The states that `x0` holds, in order; may be empty.
+    /// The states of `x0`, in order; may be empty.
     pub states: Vec<Start>,
     /// The parameters and their nominal values, in order; may be empty.
     pub parameters: Vec<(Port, f64)>,
-    /// Where the states stand in logs; `None`: it is started once a log.
+    /// The log channels of the states; `None`: one start per log.
     pub restart: Option<Restart>,
 }
 
 impl Face {
-    /// Refuses names that are missing or stand twice, and values that are no start.
+    /// Refuses empty or duplicate names, and invalid initial values.
     fn check(&self) -> Result<(), SimulateError> {
         let Self { inputs, outputs, states, parameters, .. } = self;
         for (what, list) in [("input", inputs), ("output", outputs)] {
@@ -112,10 +112,10 @@ fn unique<'a>(
 }
 
 impl System {
-    /// A simulator that can only be called, with the names of its channels.
+    /// A black-box simulator, with the names of its channels.
     ///
     /// # Errors
-    /// [`SimulateError`]: no input or output, two of one name, a start or parameter that is not finite, a negative standard deviation.
+    /// [`SimulateError`] for no input or output, a duplicate name, an initial value or parameter that is not finite, a negative standard deviation.
     pub fn black_box(simulator: Arc<dyn Simulator>, face: Face) -> Result<Self, SimulateError> {
         face.check()?;
         let Face { name, inputs, outputs, states, parameters, restart } = face;
@@ -143,7 +143,7 @@ pub(crate) fn window(at: usize, windows: usize, samples: usize) -> Range<usize> 
     at * samples / windows..(at + 1) * samples / windows
 }
 
-/// Goes from window to window: one for every start that `x0` holds, a single one where there are no states. In each, time begins at 0.
+/// Iterates over windows: one for every initial state in `x0`, a single one without states. In each, time starts at 0.
 pub fn windows<E>(
     u: &DMatrix<f64>,
     time_s: &[f64],
@@ -164,7 +164,7 @@ pub fn windows<E>(
     Ok(())
 }
 
-/// Refuses an answer of another shape, or one that holds NaN or infinity.
+/// Refuses a result of another shape, or one with NaN or infinity.
 pub(super) fn check(
     answer: &DMatrix<f64>,
     outputs: &[Port],
@@ -187,10 +187,10 @@ pub(super) fn check(
     })
 }
 
-/// Bytes of answers that are remembered: thousands of runs of a usual log.
+/// Bytes of cached results: thousands of runs of a typical log.
 const BYTES: usize = 256 << 20;
 
-/// A simulator whose runs are remembered: the same call is not made again, one that failed neither. It knows when nobody waits any more.
+/// A simulator with a cache of runs: no call is repeated, including failed ones. The cache checks for cancellation.
 pub struct Remembered {
     inner: Arc<dyn Simulator>,
     outputs: Vec<Port>,
@@ -208,7 +208,7 @@ struct Answers {
     /// Oldest first.
     order: VecDeque<CallKey>,
     bytes: usize,
-    /// Calls that other threads make just now.
+    /// Calls running in other threads.
     running: HashSet<CallKey>,
     calls: usize,
     failed: usize,
@@ -221,7 +221,7 @@ impl fmt::Debug for Remembered {
     }
 }
 
-/// Takes a call off the list of those that run, whatever ends it.
+/// Removes a call from the running ones, however it ends.
 struct Running<'a>(&'a Remembered, CallKey);
 
 impl Drop for Running<'_> {
@@ -232,7 +232,7 @@ impl Drop for Running<'_> {
 }
 
 impl Remembered {
-    /// The runs of a simulator with these outputs.
+    /// A cache of the runs of a simulator with these outputs.
     #[must_use]
     pub fn new(inner: Arc<dyn Simulator>, outputs: Vec<Port>, stop: Stop) -> Self {
         Self { inner, outputs, stop, memory: Mutex::default(), done: Condvar::new() }
@@ -242,23 +242,23 @@ impl Remembered {
         self.memory.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Calls that were made.
+    /// Number of calls made.
     #[must_use]
     pub fn calls(&self) -> usize {
         self.lock().calls
     }
 
-    /// Calls that failed, and the last failure.
+    /// Number of failed calls, and the last failure.
     #[must_use]
     pub fn failures(&self) -> (usize, Option<String>) {
         let memory = self.lock();
         (memory.failed, memory.failure.clone())
     }
 
-    /// Makes the call whether it was made before or not.
+    /// Makes the call, without looking it up in the cache.
     ///
     /// # Errors
-    /// As [`Simulator::simulate`], and of answers that are not as they should be.
+    /// As [`Simulator::simulate`], and invalid results.
     pub fn call(&self, u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> Answer {
         if self.stop.is_set() {
             return Err("nobody waits for the answer any more".to_owned());
@@ -276,13 +276,13 @@ impl Remembered {
     }
 }
 
-/// The call as a key: a hash of every number that goes in.
+/// The key of a call: a hash of every input value.
 fn key(u: &DMatrix<f64>, time_s: &[f64], x0: &[f64], parameters: &[f64]) -> CallKey {
     let mut hash = Sha256::new();
     for part in [u.as_slice(), time_s, x0, parameters] {
         hash.update(part.len().to_le_bytes());
         let mut bytes = Vec::with_capacity(8 * part.len());
-        // Both zeros are the same number.
+        // Both zeros are the same value.
         part.iter().for_each(|v| bytes.extend_from_slice(&(v + 0.0).to_le_bytes()));
         hash.update(&bytes);
     }

@@ -62,22 +62,22 @@ pub enum SimulateError {
         /// Time there.
         after_s: f64,
     },
-    /// The state left the range of numbers.
+    /// The state is no longer finite.
     #[error(
         "the simulation explodes: the state is no longer finite at t = {time_s} s; the model is unstable or its units are wrong"
     )]
     Explodes {
-        /// When.
+        /// The time, s.
         time_s: f64,
     },
-    /// An integration that was to run backwards.
+    /// An integration backwards in time.
     #[error(
         "the integration is to run from {from_s} s to {to_s} s; it can only run forwards, over finite times"
     )]
     Backwards {
-        /// From when.
+        /// The start, s.
         from_s: f64,
-        /// To when.
+        /// The end, s.
         to_s: f64,
     },
     /// A derivative that is not finite at a finite state.
@@ -85,26 +85,26 @@ pub enum SimulateError {
         "the equations have no finite value at t = {time_s} s; check the initial state and the parameters there"
     )]
     Undefined {
-        /// When.
+        /// The time, s.
         time_s: f64,
     },
     /// An equation that has no finite value.
     #[error("{0}; the model is undefined there: check initial state, parameters and inputs")]
     Equation(crate::equations::explain::NonFinite),
-    /// Neither an explicit nor an implicit method gets on.
+    /// Neither an explicit nor an implicit method advances.
     #[error(
         "the equations are too stiff or change too abruptly at t = {time_s} s ({steps} steps, the last of {step_s:e} s); \
          look for time constants far below the sample time, or for a jump in a derivative there"
     )]
     Stiff {
-        /// When.
+        /// The time, s.
         time_s: f64,
         /// Steps made.
         steps: usize,
-        /// The last step.
+        /// The last step, s.
         step_s: f64,
     },
-    /// The same, with the state to blame.
+    /// The same, with the state responsible.
     #[error(
         "the state `{state}` is too fast to simulate at t = {time_s} s: its time constant there is about {time_constant_s:.1e} s ({steps} steps so far); \
          replace it by its steady state, or correct the units of its parameters"
@@ -114,7 +114,7 @@ pub enum SimulateError {
         state: String,
         /// Its time constant, s.
         time_constant_s: f64,
-        /// When.
+        /// The time, s.
         time_s: f64,
         /// Steps made.
         steps: usize,
@@ -124,10 +124,10 @@ pub enum SimulateError {
     NoInput {
         /// The name given.
         input: String,
-        /// The inputs there are.
+        /// The known inputs.
         known: Vec<String>,
     },
-    /// A delay other than those of a sampled model.
+    /// An additional delay of a sampled model.
     #[error(
         "delays in addition to the model's own need a continuous model; {model} is sampled: write whole samples into its input_delay_s"
     )]
@@ -143,7 +143,7 @@ pub enum SimulateError {
         /// Length of the sequence.
         got: usize,
     },
-    /// Commands joined by straight lines on a path that takes held ones only.
+    /// Linearly interpolated commands on a path that requires held ones.
     #[error(
         "the path of input {input} (counted from 0) holds or bends the command, which is exact for held commands only; \
          hold the commands, or leave delays, lags and modes alone on that path"
@@ -152,18 +152,18 @@ pub enum SimulateError {
         /// Input, counted from 0.
         input: usize,
     },
-    /// Friction that sticks and slides without end.
+    /// Friction that alternates endlessly between sticking and sliding.
     #[error(
         "friction changes between sticking and sliding without end at t = {time_s} s; the friction levels do not fit the model"
     )]
     Contacts {
-        /// When.
+        /// The time, s.
         time_s: f64,
     },
-    /// A simulator that is only called said no.
+    /// A black-box simulator reported an error.
     #[error("the simulator failed: {0}")]
     Called(String),
-    /// Its answer has another shape.
+    /// Its result has another shape.
     #[error(
         "the simulator returned {got_rows} × {got_columns} numbers; it must return one row per sample and one column per output, {rows} × {columns}"
     )]
@@ -177,7 +177,7 @@ pub enum SimulateError {
         /// Columns returned.
         got_columns: usize,
     },
-    /// Its answer holds NaN or infinity.
+    /// Its result contains NaN or infinity.
     #[error(
         "the simulator returned {value} for `{output}` at sample {sample} (counted from 0, t = {time_s} s); every output must be finite"
     )]
@@ -186,12 +186,12 @@ pub enum SimulateError {
         output: String,
         /// Sample, counted from 0.
         sample: usize,
-        /// When.
+        /// The time, s.
         time_s: f64,
         /// The value.
         value: f64,
     },
-    /// Measured outputs cannot correct what nobody can reach into.
+    /// Measured outputs cannot correct the state of a black box.
     #[error(
         "a simulator that is only called cannot be corrected by measured outputs on its way: it has no state at hand; simulate it freely"
     )]
@@ -202,7 +202,7 @@ pub enum SimulateError {
         /// Input or output.
         what: &'static str,
     },
-    /// A name that is empty or stands for two.
+    /// An empty or duplicate name.
     #[error("the {what} name `{name}` is empty or given twice; every {what} needs its own")]
     Name {
         /// Input, output, state or parameter.
@@ -210,19 +210,19 @@ pub enum SimulateError {
         /// The name.
         name: String,
     },
-    /// A number that cannot be.
+    /// An invalid value.
     #[error(
         "{what} of `{name}` is {value}; it must be a finite number, a standard deviation at least 0"
     )]
     Value {
-        /// What it is.
+        /// Its description.
         what: &'static str,
-        /// Of what.
+        /// The name of the item.
         name: String,
         /// The value.
         value: f64,
     },
-    /// A delay that cannot be.
+    /// An invalid delay.
     #[error(transparent)]
     DelayTime(#[from] deadtime_signal::time::TimeError),
 }

@@ -1,4 +1,4 @@
-//! The right-hand side of a nonlinear system: everything that a derivative is made of, and its Jacobian.
+//! The right-hand side of a nonlinear system: all terms of a derivative, and its Jacobian.
 
 use super::assembly::Assembly;
 use super::error::SimulateError;
@@ -10,7 +10,7 @@ use crate::simulate::ode::rhs::Rhs;
 /// A coefficient of a row: (row, column, value).
 type Entry = (usize, usize, f64);
 
-/// The coefficients of rows that are not 0.
+/// The nonzero coefficients of rows.
 fn entries(rows: &[Vec<f64>]) -> Vec<Entry> {
     let of_row = |(i, row): (usize, &Vec<f64>)| {
         row.iter()
@@ -22,19 +22,19 @@ fn entries(rows: &[Vec<f64>]) -> Vec<Entry> {
     rows.iter().enumerate().flat_map(of_row).collect()
 }
 
-/// The friction on one state as it stands; levels of several terms add up.
+/// The present friction on one state; levels of several terms add up.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Contact {
     pub(super) state: usize,
     pub(super) level: f64,
-    /// The sign of the velocity; 0: it sticks.
+    /// The sign of the velocity; 0: sticking.
     pub(super) direction: f64,
     /// The derivative of the velocity without this friction, at the last evaluation.
     pub(super) rest: f64,
 }
 
 impl Contact {
-    /// Above 0 while the contact stays what it is.
+    /// Positive until the contact changes between sticking and sliding.
     pub(super) fn margin(&self, x: &[f64]) -> f64 {
         if self.direction == 0.0 {
             self.level - self.rest.abs()
@@ -44,7 +44,7 @@ impl Contact {
     }
 }
 
-/// A state of hysteresis, driven by the path of a velocity.
+/// A state of hysteresis, driven by a velocity.
 #[derive(Debug, Clone, Copy)]
 struct HysteresisState {
     state: usize,
@@ -54,7 +54,7 @@ struct HysteresisState {
 }
 
 impl HysteresisState {
-    /// The share of the slope before the force is full: 1 on the way back.
+    /// The share of the slope before the force saturates: 1 on the way back.
     fn open(&self, x: &[f64]) -> f64 {
         let z = x[self.state];
         if z * x[self.velocity] > 0.0 { 1.0 - z.abs().powf(self.sharpness) } else { 1.0 }
@@ -64,7 +64,7 @@ impl HysteresisState {
         x[self.velocity] / self.displacement * self.open(x)
     }
 
-    /// By the velocity and by the memory itself.
+    /// The derivatives by the velocity and by the hysteresis state itself.
     fn slopes(&self, x: &[f64]) -> [f64; 2] {
         let (z, v) = (x[self.state], x[self.velocity]);
         let closing = if z * v > 0.0 {
@@ -87,7 +87,7 @@ pub(super) type Plant<'a> = (&'a Equations, &'a [f64]);
 /// The right-hand side.
 pub(super) struct Field<'a> {
     pub(super) plant: usize,
-    /// Where the constant 1 stands.
+    /// Index of the constant 1.
     one: usize,
     states: usize,
     equations: Option<(&'a Equations, &'a [f64], Workspace)>,
@@ -95,21 +95,21 @@ pub(super) struct Field<'a> {
     inputs: Vec<Entry>,
     derivatives: Vec<Entry>,
     outputs: Vec<Entry>,
-    /// Late quantities before they are late.
+    /// Delayed quantities before their delay.
     raw: Vec<Entry>,
     /// A derivative depends on an output of the plant: a sensor's lag.
     senses: bool,
-    /// No state stands between the signals and the plant.
+    /// No state lies between the signals and the plant.
     direct: bool,
-    /// All signals are level until the next edge.
+    /// All signals are constant until the next edge.
     held: bool,
-    /// What the rows multiply: states, signals, 1, the plant's outputs.
+    /// The factors of the rows: states, signals, 1, the plant's outputs.
     now: Vec<f64>,
-    /// What the plant receives.
+    /// The plant's input.
     received: Vec<f64>,
     pub(super) contacts: Vec<Contact>,
     memories: Vec<HysteresisState>,
-    /// By columns: the plant's Jacobians by its inputs, and of its outputs by states and inputs.
+    /// By columns: the plant's Jacobians by its inputs, and those of its outputs by states and inputs.
     blocks: [Vec<f64>; 4],
 }
 
@@ -173,7 +173,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The system is that of another field from now on: what moves it, not where it is.
+    /// Replaces the system by another field from now on; the state remains.
     pub(super) fn becomes(&mut self, later: &Self) {
         if let (Some(own), Some((equations, parameters, _))) =
             (&mut self.equations, &later.equations)
@@ -187,7 +187,7 @@ impl<'a> Field<'a> {
         (self.senses, self.direct) = (later.senses, later.direct);
     }
 
-    /// Takes note of the signals' pieces; to be called before anything is evaluated on them.
+    /// Stores the signals' pieces; must precede any evaluation on them.
     pub(super) fn begin(&mut self, t: f64, drive: &Drive) {
         let late = drive.late.quantities.is_empty();
         self.held = late && drive.pieces.iter().all(|piece| piece.slope == 0.0);
@@ -212,7 +212,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// Fills in everything up to the plant's outputs.
+    /// Computes everything up to the plant's outputs.
     #[inline]
     fn fill(&mut self, t: f64, x: &[f64], drive: &Drive) {
         self.now[..self.states].copy_from_slice(x);
@@ -224,7 +224,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// Fills in the plant's outputs.
+    /// Computes the plant's outputs.
     fn sense(&mut self, t: f64) {
         if let Some((equations, parameters, workspace)) = &mut self.equations {
             let (before, own) = self.now.split_at_mut(self.one + 1);
@@ -234,7 +234,7 @@ impl<'a> Field<'a> {
 
     #[inline]
     pub(super) fn eval(&mut self, t: f64, x: &[f64], dx: &mut [f64], drive: &Drive) {
-        // Equations alone on level inputs need no rows.
+        // Equations alone on constant inputs need no rows.
         if !(self.held && self.direct && self.derivatives.is_empty()) {
             self.fill(t, x, drive);
         }
@@ -280,7 +280,7 @@ impl<'a> Field<'a> {
     /// The outputs at the sensors.
     ///
     /// # Errors
-    /// [`SimulateError::Equation`] where one has no finite value.
+    /// [`SimulateError::Equation`] for an output without a finite value.
     pub(super) fn read(
         &mut self,
         t: f64,
@@ -304,7 +304,7 @@ impl<'a> Field<'a> {
         Ok(())
     }
 
-    /// What late quantities are before they are late.
+    /// The delayed quantities before their delay.
     pub(super) fn raw(
         &mut self,
         t: f64,
@@ -321,7 +321,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// Why there is no finite derivative at a point, if the equations are to blame.
+    /// The equation responsible for a derivative that is not finite, if one is.
     pub(super) fn explain(&mut self, t: f64, x: &[f64], drive: &Drive) -> Option<SimulateError> {
         self.fill(t, x, drive);
         let (equations, parameters, _) = self.equations.as_ref()?;
@@ -330,7 +330,7 @@ impl<'a> Field<'a> {
             .map(SimulateError::Equation)
     }
 
-    /// ∂(dx)/∂x by columns: exact, but for functions of one state.
+    /// ∂(dx)/∂x by columns: exact, except for functions of one state.
     fn jacobian(&mut self, t: f64, x: &[f64], jacobian: &mut [f64], drive: &Drive) {
         let size = self.states;
         self.fill(t, x, drive);
@@ -357,8 +357,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// What the equations add to it: their own, through what feeds their inputs back, and through
-    /// lags of sensors.
+    /// Adds the equations' part: their own, through feedback to their inputs, and through lags of sensors.
     fn plant_jacobian(&mut self, t: f64, x: &[f64], jacobian: &mut [f64]) {
         let (size, n) = (self.states, self.plant);
         let Some((equations, p, workspace)) = &mut self.equations else { return };
@@ -396,7 +395,7 @@ impl<'a> Field<'a> {
     }
 }
 
-/// A field on a drive, as the integrator wants it.
+/// A field on a drive, in the integrator's interface.
 pub(super) struct Driven<'f, 'a> {
     pub(super) field: &'f mut Field<'a>,
     pub(super) drive: &'f Drive,

@@ -1,15 +1,15 @@
-//! Quantities inside a plant that are late: v(t) = r(t − delay), r kept as a curve for as long as the delay.
+//! Delayed quantities inside a plant: v(t) = r(t − delay), with r stored as a curve over the length of the delay.
 //!
-//! Equation: r is the quartic through five values of a stretch of time that no edge of a signal cuts. Stretches are no longer than the delay, so that v is
-//! known wherever the equations are integrated (method of steps).
-//! How it can be wrong: a value that comes from the other side of an edge. Where a stretch is read, its ends decide which curves are meant.
+//! Equation: r is the quartic through five values of a stretch of time without an edge of a signal. Stretches are at most as long as the delay, so that v is
+//! known wherever the equations are integrated (method of steps). How it can be wrong: a value from the other side of an edge. The ends of a read stretch
+//! select the curves.
 //! Source: Bellen and Zennaro (2003), Numerical Methods for Delay Differential Equations, chapter 3.
 
 use std::collections::VecDeque;
 
 use super::piecewise::TOGETHER;
 
-/// Times of the five values of a stretch, of its length.
+/// Times of the five values, relative to the length of a stretch.
 pub(super) const NODES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 
 /// A stretch of the curve of one quantity.
@@ -38,28 +38,28 @@ impl Stretch {
     }
 }
 
-/// What one quantity was.
+/// The past of one quantity.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct History {
     delay_s: f64,
     stretches: VecDeque<Stretch>,
-    /// The first and the last stretch that may be read.
+    /// The first and the last readable stretch.
     open: (usize, usize),
 }
 
 impl History {
-    /// Of a quantity that rested at a value before time 0.
+    /// For a quantity at rest at a value before time 0.
     pub(super) fn at_rest(delay_s: f64, value: f64) -> Self {
         let stretch = Stretch::through((-delay_s, 0.0), [value; 5]);
         Self { delay_s, stretches: VecDeque::from([stretch]), open: (0, 0) }
     }
 
-    /// The stretch in which a time lies.
+    /// The stretch that contains a time.
     fn place(&self, t: f64) -> usize {
         self.stretches.partition_point(|s| s.start_s <= t).saturating_sub(1)
     }
 
-    /// The late value at a time of the stretch that was opened.
+    /// The delayed value at a time of the open stretch.
     pub(super) fn late(&self, t: f64) -> f64 {
         let (first, last) = self.open;
         let then = t - self.delay_s;
@@ -67,7 +67,7 @@ impl History {
         self.stretches.get(at).map_or(0.0, |stretch| stretch.at(then))
     }
 
-    /// To be read between two times, no further apart than the delay.
+    /// Opens the part between two times, at most a delay apart, for reading.
     fn open(&mut self, from_s: f64, to_s: f64) {
         let inside = 1e-6 * (to_s - from_s);
         let place = |t: f64| self.place(t - self.delay_s);
@@ -83,7 +83,7 @@ impl History {
     }
 }
 
-/// All late quantities of a plant, and the times at which they may have jumped.
+/// All delayed quantities of a plant, and the times at which they may have jumped.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Histories {
     pub(super) quantities: Vec<History>,
@@ -105,7 +105,7 @@ impl Histories {
         self.edges_s.push_back(at_s);
     }
 
-    /// The end of the stretch that begins here: at most the shortest delay later, and before the next edge arrives anywhere. It is opened for reading.
+    /// The end of the stretch that begins here: at most the shortest delay later, and before any next edge arrives. The stretch is opened for reading.
     pub(super) fn next(&mut self, from_s: f64, to_s: f64) -> f64 {
         let together = TOGETHER * (to_s - from_s);
         let shortest_s = self.quantities.iter().map(|q| q.delay_s).fold(f64::INFINITY, f64::min);
@@ -118,7 +118,7 @@ impl Histories {
         end_s
     }
 
-    /// Opened for reading where the last stretch ends: what arrives there counts from there on.
+    /// Opens the end of the last stretch for reading: values that arrive there are valid from there on.
     pub(super) fn arrive(&mut self, at_s: f64) {
         self.quantities.iter_mut().for_each(|q| {
             let at = q.place(at_s - q.delay_s);
@@ -126,7 +126,7 @@ impl Histories {
         });
     }
 
-    /// Takes note of what each quantity was at the five nodes of a stretch.
+    /// Stores the value of each quantity at the five nodes of a stretch.
     pub(super) fn push(&mut self, between: (f64, f64), values: &[[f64; 5]]) {
         self.quantities.iter_mut().zip(values).for_each(|(q, values)| q.push(between, *values));
     }

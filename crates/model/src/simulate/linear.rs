@@ -1,4 +1,4 @@
-//! The exact step of a linear system whose inputs run in straight pieces.
+//! The exact step of a linear system with piecewise linear inputs.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -11,25 +11,26 @@ use super::error::SimulateError;
 use super::walk::{Drive, Stepper};
 use crate::matrix::exp;
 
-/// Two lengths of step that differ by less than this, relatively, are one: time stamps such as 0.3 − 0.2 carry rounding.
+/// Relative difference within which two step lengths are equal: time stamps such as 0.3 − 0.2 carry rounding.
 const SAME: f64 = 1e-9;
-/// Transitions that are kept: stamps that a clock rounds have some ten lengths of step, with delays between them a few times as many.
+/// Number of cached transitions: stamps rounded by a clock have about ten step lengths, with delays between them a few times as many.
 const KEPT: usize = 32;
-/// From this use on a length has a transition of its own. Chosen: lengths that a clock does not round seldom come twice.
+/// Number of uses from which a step length gets its own transition. The value is a choice: lengths not rounded by a clock seldom recur.
 const OFTEN: usize = 8;
-/// Below this norm of A·h Taylor's series needs at most eleven terms (‖A·h‖ᵏ/k! < 1e-17); at half of it ten, which a further step in front of it outweighs.
+/// Below this norm of A·h the Taylor series needs at most eleven terms (‖A·h‖ᵏ/k! < 1e-17). At half of it ten suffice, which an additional step before it
+/// outweighs.
 const SERIES_LIMIT: f64 = 0.125;
 
-/// Transitions of other runs that a thread caches, of systems of so many states at most.
+/// Transitions of other runs that a thread caches; at most this number of states.
 const CACHED: usize = 256;
 const SMALL: usize = 16;
 
 thread_local! {
-    /// Runs of one model with other commands, delays or sensors take the same steps. The newest is last.
+    /// Runs of one model with other commands, delays or sensors have the same steps. The newest is last.
     static TRANSITIONS: RefCell<VecDeque<Remembered>> = const { RefCell::new(VecDeque::new()) };
 }
 
-/// A transition and all that it follows from.
+/// A transition and everything that determines it.
 struct Remembered {
     ramps: bool,
     derivative: Vec<f64>,
@@ -42,11 +43,11 @@ struct Transition {
     phi: Vec<f64>,
     /// One column per signal, then one for the constant 1.
     held: Vec<f64>,
-    /// The same for slopes; empty where no signal has one.
+    /// The same for slopes; empty if no signal has one.
     ramp: Vec<f64>,
 }
 
-/// What moves the system: constant until the next switch.
+/// The dynamics, constant until the next switch.
 struct Law {
     /// By columns: states × (states + signals + 1).
     derivative: Vec<f64>,
@@ -81,7 +82,7 @@ impl Law {
     }
 }
 
-/// A linear system on its way through time.
+/// A linear system during its simulation.
 pub(super) struct Linear {
     plant: usize,
     states: usize,
@@ -91,22 +92,22 @@ pub(super) struct Linear {
     later: Vec<Law>,
     ramps: bool,
     kept: Vec<Rc<Transition>>,
-    /// Other lengths, and how often each came.
+    /// Other lengths, and the number of uses of each.
     seen: Vec<(f64, usize)>,
     /// Over powers of two.
     powers: Vec<Rc<Transition>>,
     x: Vec<f64>,
     next: Vec<f64>,
-    /// What level signals and the constant add over a step.
+    /// The contribution of constant signals and the constant over a step.
     forced: Vec<f64>,
-    /// The transition and the levels that this belongs to.
+    /// The transition and the levels of this contribution.
     forced_by: Option<usize>,
     levels: Vec<f64>,
     series: [Vec<f64>; 2],
 }
 
 impl Linear {
-    /// The system, what it is from every switch on, and whether a signal has slopes.
+    /// The system, its dynamics from every switch on, and whether a signal has slopes.
     pub(super) fn new(assembly: &Assembly, later: &[Assembly], ramps: bool) -> Self {
         let (n, m) = (assembly.states, assembly.signals);
         Self {
@@ -133,7 +134,7 @@ impl Linear {
         &self.x
     }
 
-    /// The transition over h, if this length comes often enough to be worth one.
+    /// The transition over h, if this length recurs often enough.
     fn transition(&mut self, h: f64) -> Option<usize> {
         let same = |other: f64| (other - h).abs() <= SAME * h;
         if let Some(at) = self.kept.iter().position(|t| same(t.h)) {
@@ -159,7 +160,7 @@ impl Linear {
         None
     }
 
-    /// The transition over h, from an earlier run where one took the same step.
+    /// The transition over h, from an earlier run with the same step if there is one.
     #[allow(clippy::float_cmp)] // the same bits
     fn known(&self, h: f64) -> Rc<Transition> {
         if self.states > SMALL {
@@ -213,7 +214,7 @@ impl Linear {
         }
     }
 
-    /// Fills in what signals and the constant add over a transition; level signals add the same until one of them changes.
+    /// Computes the contribution of signals and the constant over a transition; constant signals contribute the same until one of them changes.
     fn force(&mut self, at: usize, from_s: f64, drive: &Drive) {
         let level = drive.pieces.iter().all(|piece| piece.slope == 0.0);
         if level
@@ -229,7 +230,7 @@ impl Linear {
         }
     }
 
-    /// A length that comes once: powers of two, each a step that is kept, and a short rest.
+    /// A length that occurs once: powers of two, each a cached step, and a short remainder.
     fn in_parts(&mut self, from_s: f64, h: f64, drive: &Drive) {
         let (mut at, mut rest) = (from_s, h);
         while self.law.norm * rest > SERIES_LIMIT {
@@ -290,7 +291,7 @@ impl Linear {
 }
 
 impl Transition {
-    /// What signals and the constant add.
+    /// The contribution of signals and the constant.
     fn force(&self, forced: &mut [f64], from_s: f64, drive: &Drive) {
         let n = forced.len();
         let (signals, constant) = self.held.split_at(self.held.len() - n);
@@ -305,7 +306,7 @@ impl Transition {
 
     /// x ← forced + Φ x; `next` is overwritten.
     fn step(&self, forced: &[f64], x: &mut Vec<f64>, next: &mut Vec<f64>) {
-        // A number of states that the compiler knows keeps them in registers.
+        // A number of states known at compile time keeps them in registers.
         match x.len() {
             1 => step::<1>(&self.phi, forced, x),
             2 => step::<2>(&self.phi, forced, x),
@@ -415,7 +416,7 @@ mod tests {
     use crate::simulate::history::Histories;
     use crate::simulate::piecewise::Piece;
 
-    /// A slow oscillation and a pole at −2000 per second, one signal that runs straight: steps whose lengths never come twice go as far as one exponential each.
+    /// A slow oscillation and a pole at −2000 per second, with one linear signal. Steps whose lengths never recur agree with one exponential each.
     #[test]
     fn steps_that_come_once_are_those_of_one_exponential_each() {
         let rows = vec![

@@ -10,23 +10,23 @@ use crate::c2d::hold::{Hold, delayed_taps, transition};
 use crate::state_space::{Continuous, Sampled, StateSpace, TimeDomain};
 use deadtime_signal::time::SampleTime;
 
-/// What the input was before the first sample, which a delayed input still sees.
+/// The input before the first sample, on which a delayed input depends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Prehistory {
-    /// u(0), as the log format says.
+    /// u(0), as in the log format.
     #[default]
     Held,
     /// 0.
     Rest,
 }
 
-/// How to simulate.
+/// Options of the simulation.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Options {
     /// The state at the first sample; `None`: 0.
     pub initial: Option<DVector<f64>>,
-    /// How the input runs between samples; default held.
+    /// The hold of the input between samples; default zero-order.
     pub hold: Hold,
     /// The input before the first sample; default u(0).
     pub prehistory: Prehistory,
@@ -41,7 +41,7 @@ pub struct Response {
     pub x: DMatrix<f64>,
 }
 
-/// One step of the recursion with its zeros left out: rows of x(k+1) and y(k) as sums over (x(k), tap values).
+/// One step of the recursion without its zeros: rows of x(k+1) and y(k) as sums over (x(k), tap values).
 struct Recursion {
     /// Row ends into `terms`: first the states, then the outputs.
     ends: Vec<usize>,
@@ -117,13 +117,13 @@ impl Recursion {
         let samples = u.nrows();
         let n = self.states;
         let outputs = self.ends.len() - n;
-        // Zeroed memory that is first touched where it is written.
+        // Zeroed memory that is first touched when it is written.
         let (mut y, mut x) = (vec![0.0; samples * outputs], vec![0.0; samples * n]);
         let arch = Arch::new();
         let dense = Dense::new(self);
         let (width, stride) = (self.taps.len(), dense.stride);
         let mut taps = vec![0.0; BLOCK * width];
-        // The first row holds the state that a block starts from.
+        // The first row holds the initial state of a block.
         let mut rows = vec![0.0; (BLOCK + 1) * stride];
         if let Some(x0) = initial {
             rows[..n].copy_from_slice(x0.as_slice());
@@ -167,19 +167,19 @@ impl Recursion {
     }
 }
 
-/// One number of every row.
+/// One entry of every row.
 fn put_column(to: &mut [f64], rows: &[f64], stride: usize, at: usize) {
     for (to, row) in to.iter_mut().zip(rows.chunks_exact(stride)) {
         *to = row[at];
     }
 }
 
-/// Samples between two looks at whether the state is still finite.
+/// Samples between two checks that the state is finite.
 const BLOCK: usize = 128;
-/// Numbers of a row that are stepped together; a multiple of every vector length.
+/// Entries of a row that are stepped together; a multiple of every vector length.
 const PAD: usize = 8;
 
-/// The recursion as columns of a padded matrix, or by its terms where it is large and mostly zeros.
+/// The recursion as columns of a padded matrix, or by its terms where it is large and sparse.
 struct Dense<'a> {
     of: &'a Recursion,
     /// Length of a padded column.
@@ -233,7 +233,7 @@ impl WithSimd for Steps<'_> {
 }
 
 impl Steps<'_> {
-    /// V vectors of rows; the taps first, which do not wait for the state.
+    /// V vectors of rows; the taps first, because they are independent of the state.
     #[inline(always)]
     fn dense<S: Simd, const V: usize>(self, simd: S) {
         let (n, stride) = (self.dense.of.states, self.dense.stride);
@@ -281,7 +281,7 @@ impl Steps<'_> {
     }
 }
 
-/// Σ columns·values on top of two partial sums, which halve the wait for each other.
+/// Σ columns·values in two partial sums, which halves the latency.
 #[inline(always)]
 fn combine<S: Simd, const V: usize>(
     simd: S,
@@ -329,17 +329,17 @@ fn check(
     }
 }
 
-/// When an input was sampled.
+/// The sampling times of an input.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Grid<'a> {
-    /// Once every so many seconds.
+    /// A constant sample time.
     Every(SampleTime),
-    /// At these times (s, increasing), whether they are even or not.
+    /// These times (s, increasing), even or uneven.
     At(&'a [f64]),
 }
 
 impl<'a> Grid<'a> {
-    /// Of these times (s): even where only rounding parts them from an even grid, which is much faster.
+    /// The grid of these times (s): even where they differ from an even grid by rounding only, which is much faster.
     #[must_use]
     pub fn of(time_s: &'a [f64]) -> Self {
         even(time_s).map_or(Self::At(time_s), Self::Every)
@@ -358,9 +358,9 @@ impl<'a> From<&'a [f64]> for Grid<'a> {
     }
 }
 
-/// A kind of time, [`Continuous`] or [`Sampled`], in which a linear model has a response.
+/// A time domain, [`Continuous`] or [`Sampled`], with a response of linear models.
 pub trait Responds: TimeDomain {
-    /// As [`lsim`], the shapes of which are checked.
+    /// As [`lsim`], with checked shapes.
     ///
     /// # Errors
     /// As [`lsim`].
@@ -376,12 +376,12 @@ pub trait Responds: TimeDomain {
 
 /// Response of a linear model to a sampled input; u is samples × inputs. Exact: no integration error, delays of any size.
 ///
-/// A continuous model sees its input held or interpolated, as `options.hold` says. On uneven times every piece is integrated exactly and split where a delayed
-/// input has an edge, at the cost of one matrix exponential per distinct step length. A sampled model has the grid of its own sample time, and its hold has no
-/// meaning.
+/// For a continuous model the input is held or interpolated by `options.hold`. On uneven times every piece is integrated exactly and split at the edges of
+/// delayed inputs. The cost is one matrix exponential per distinct step length. A sampled model has the grid of its own sample time, and ignores the hold.
 ///
 /// # Errors
-/// [`SimulateError`]: shapes that do not fit, an input that is not finite, times that do not increase or are not a sampled model's, a state that explodes.
+/// [`SimulateError`] for shapes that do not match, an input that is not finite, a state that diverges. Likewise for times that do not increase or are
+/// not a sampled model's.
 pub fn lsim<'g, T: Responds>(
     sys: &StateSpace<T>,
     u: &DMatrix<f64>,
@@ -443,7 +443,7 @@ impl Responds for Sampled {
 fn off_grid(ts: SampleTime, time_s: &[f64]) -> Result<(), SimulateError> {
     let start_s = time_s.first().copied().unwrap_or(0.0);
     let due = |k: usize| start_s + ts.to_seconds(k as f64);
-    // What is off by this share of a sample was meant to be another grid.
+    // A larger deviation, in samples, indicates another grid.
     let off = |k: &usize| {
         let by_s = (time_s[*k] - due(*k)).abs();
         by_s.is_nan() || by_s > 1e-3 * ts.seconds()
@@ -472,7 +472,7 @@ fn on_even_grid(
     if (options.hold, options.prehistory) == (Hold::Linear, Prehistory::Rest)
         && delays.iter().any(|d| d.total() > 0.0)
     {
-        // The delayed jump from rest to u[0] is no straight line between two samples.
+        // The delayed jump from rest to u[0] is not linear between two samples.
         let time_s: Vec<f64> = (0..u.nrows()).map(|k| sample_time.to_seconds(k as f64)).collect();
         return at_times(sys, &time_s, u, options);
     }
@@ -510,7 +510,7 @@ fn on_even_grid(
     Recursion::new(&phi, sys.c(), &taps).run(u, options.initial.as_ref(), options.prehistory, ts)
 }
 
-/// Inputs at stamps of any kind.
+/// Inputs at even or uneven time stamps.
 struct Stamped<'a> {
     time_s: &'a [f64],
     u: &'a DMatrix<f64>,
@@ -519,7 +519,7 @@ struct Stamped<'a> {
 }
 
 impl Stamped<'_> {
-    /// Value of input j at time t, from the left or from the right of an edge. A time that only rounding parts from a stamp is that stamp.
+    /// Value of input j at time t, from the left or from the right of an edge. A time within rounding of a stamp equals that stamp.
     fn value(&self, j: usize, t: f64, from_left: bool) -> f64 {
         let (stamps, u) = (self.time_s, self.u);
         let mut after = stamps.partition_point(|s| if from_left { *s < t } else { *s <= t });
@@ -541,7 +541,7 @@ impl Stamped<'_> {
         }
     }
 
-    /// How far from the stamp `at` an instant still counts as that stamp.
+    /// The distance from the stamp `at` within which an instant equals it.
     fn slack(&self, at: usize) -> f64 {
         let stamps = self.time_s;
         let before = at.checked_sub(1).map(|i| stamps[at] - stamps[i]);
@@ -550,7 +550,7 @@ impl Stamped<'_> {
             + rounding(stamps[at])
     }
 
-    /// The share of a sample within which two instants are one.
+    /// The share of a sample within which two instants coincide.
     fn coincide(&self) -> f64 {
         match self.hold {
             Hold::Zero => COINCIDE,
@@ -558,7 +558,7 @@ impl Stamped<'_> {
         }
     }
 
-    /// When a delayed input changes between two times, in order; the later time is the last.
+    /// The times of delayed input changes between two times, in order; the later time is the last.
     fn edges(&self, delays: &[f64], (t, end): (f64, f64), edges: &mut Vec<f64>) {
         edges.clear();
         let near = self.coincide() * (end - t) + rounding(end);
@@ -574,7 +574,7 @@ impl Stamped<'_> {
     }
 }
 
-/// Response of a continuous model on time stamps of any kind (s, increasing).
+/// Response of a continuous model on even or uneven time stamps (s, increasing).
 fn at_times(
     sys: &StateSpace<Continuous>,
     time_s: &[f64],
@@ -636,7 +636,7 @@ fn at_times(
     Ok(Response { y, x })
 }
 
-/// The sample time of stamps that only rounding parts from an even grid.
+/// The sample time of stamps within rounding of an even grid.
 pub(super) fn even(time_s: &[f64]) -> Option<SampleTime> {
     let (&[first, .., last], count) = (time_s, time_s.len()) else { return None };
     let step = (last - first) / (count - 1) as f64;
@@ -645,13 +645,13 @@ pub(super) fn even(time_s: &[f64]) -> Option<SampleTime> {
     if time_s.iter().enumerate().all(on_line) { SampleTime::new(step).ok() } else { None }
 }
 
-/// How far from an even grid, in samples, stamps may lie that were meant to be on it: what rounding leaves of a million samples.
+/// Largest deviation from an even grid, in samples, of rounded stamps: the rounding of a million samples.
 const EVEN: f64 = 1e-9;
 
-/// Two instants closer than this share of a sample are one where an input jumps, as in [`SampleTime::samples`].
+/// Two instants within this share of a sample coincide for jumps of an input, as in [`SampleTime::samples`].
 const COINCIDE: f64 = 1e-9;
 
-/// What rounding can do to an instant that is a stamp plus or minus a delay.
+/// The rounding of an instant computed as a stamp plus or minus a delay.
 fn rounding(time_s: f64) -> f64 {
     4.0 * f64::EPSILON * time_s.abs()
 }
@@ -684,7 +684,7 @@ mod tests {
         }
     }
 
-    /// ẏ = u(t − d) − y, u of straight lines: ∂y/∂d is e^(−t)·u(0) − ẏ at every size of d.
+    /// ẏ = u(t − d) − y with piecewise linear u: ∂y/∂d is e^(−t)·u(0) − ẏ for any d.
     #[test]
     fn interpolated_inputs_are_late_by_delays_of_any_size() {
         let one = |v: f64| DMatrix::from_element(1, 1, v);

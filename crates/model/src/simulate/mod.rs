@@ -1,7 +1,7 @@
 //! Simulation: linear models exactly, for held and interpolated inputs and delays of any size; nonlinear ones from edge to edge of their inputs.
 //!
-//! `lsim` is the response of a bare linear model. [`System::simulate`] runs a whole simulator, of any kind, under a [`Plan`] of hooks on its way in, in its
-//! dynamics, on its way out and on the clock; which hooks belong to which effect is not known here.
+//! `lsim` is the response of a linear model without effects. [`System::simulate`] runs a simulator of any kind under a [`Plan`] of hooks on inputs, dynamics,
+//! outputs and clock. The mapping from effects to hooks is defined elsewhere.
 
 mod assembly;
 mod black_box;
@@ -22,7 +22,7 @@ pub(crate) mod simulator;
 pub(crate) mod system;
 mod walk;
 
-/// How the input runs between samples.
+/// The hold of the input between samples.
 pub use crate::c2d::hold::Hold;
 pub use crate::matrices::Matrices;
 pub use black_box::windows;

@@ -10,18 +10,18 @@ use super::simulator::Port;
 use super::walk::{Drive, Stepper};
 use crate::simulate::ode::integrator::Integrator;
 
-/// Changes between sticking and sliding within one step before the simulation gives up.
+/// Changes between sticking and sliding within one step before the simulation fails.
 const CHANGES: usize = 1000;
 
-/// A nonlinear system on its way through time.
+/// A nonlinear system during its simulation.
 pub(super) struct Nonlinear<'a> {
     field: Field<'a>,
-    /// A second field, on which contacts are watched while the first is being integrated.
+    /// A second field, for monitoring contacts while the first is integrated.
     watch: Field<'a>,
     /// The field from every switch on.
     later: Vec<Field<'a>>,
     integrator: Integrator,
-    /// The drive with late quantities; without pieces where there are none.
+    /// The drive with delayed quantities; without pieces where there are none.
     own: Drive,
     /// The signals' pieces of the last step.
     pieces: Vec<Piece>,
@@ -30,7 +30,7 @@ pub(super) struct Nonlinear<'a> {
 }
 
 impl<'a> Nonlinear<'a> {
-    /// The system as it begins and as it is from every switch on, each with its equations.
+    /// The system at the start and from every switch on, each with its equations.
     pub(super) fn new(
         (assembly, equations): (&Assembly, Option<Plant<'a>>),
         later: impl Iterator<Item = (&'a Assembly, Option<Plant<'a>>)>,
@@ -46,7 +46,7 @@ impl<'a> Nonlinear<'a> {
         Self { field, watch, later, integrator, own, pieces, x, dx }
     }
 
-    /// An error of equations that are too stiff, with the name of the state to blame.
+    /// An error of too stiff equations, with the name of the state responsible.
     pub(super) fn blame(&self, error: SimulateError, states: &[Port]) -> SimulateError {
         match (error, self.integrator.fastest()) {
             (SimulateError::Stiff { time_s, steps, .. }, Some((state, time_constant_s))) => {
@@ -59,7 +59,7 @@ impl<'a> Nonlinear<'a> {
         }
     }
 
-    /// A velocity of 0 sticks if friction can hold it; all others slide the way they go.
+    /// A zero velocity sticks if friction can hold it; all others slide in their direction.
     fn settle_contacts(&mut self, t: f64, drive: &Drive) {
         for i in 0..self.field.contacts.len() {
             let state = self.field.contacts[i].state;
@@ -86,7 +86,7 @@ impl<'a> Nonlinear<'a> {
         for _ in 0..CHANGES {
             self.watch.contacts.clone_from(&self.field.contacts);
             let (watch, dx) = (&mut self.watch, &mut self.dx);
-            // Above 0 while every contact stays what it is.
+            // Positive until a contact changes.
             let mut margin = |t: f64, x: &[f64]| {
                 if watch.contacts.iter().any(|c| c.direction == 0.0) {
                     watch.eval(t, x, dx, drive);
@@ -100,7 +100,7 @@ impl<'a> Nonlinear<'a> {
                 return Ok(());
             };
             now = at;
-            // The contact that changes is the one whose margin is gone.
+            // The changing contact is the one whose margin is zero.
             self.field.eval(now, &self.x, &mut self.dx, drive);
             let gone = self
                 .field
@@ -125,7 +125,7 @@ impl<'a> Nonlinear<'a> {
 }
 
 impl Nonlinear<'_> {
-    /// The same with late quantities: from stretch to stretch in which all of them are known, and within each from node to node of its curves.
+    /// The same with delayed quantities: stretch by stretch with all of them known, and within each from node to node of its curves.
     fn advance_late(
         &mut self,
         from_s: f64,
@@ -137,11 +137,11 @@ impl Nonlinear<'_> {
         let mut now = from_s;
         while now < to_s {
             let next = own.late.next(now, to_s);
-            // What arrives late may jump here.
+            // Delayed values may jump here.
             self.pieces.clear();
             self.field.begin(now, own);
             self.field.raw(now, &self.x, own, 0, &mut values);
-            // Steps that a dead time asks for are none that the equations ask for.
+            // The step budget excludes the additional steps of a dead time.
             self.integrator.budget = self.integrator.budget.saturating_add(NODES.len());
             for node in 1..NODES.len() {
                 let [begin, end] = [node - 1, node].map(|i| now + NODES[i] * (next - now));
@@ -154,7 +154,7 @@ impl Nonlinear<'_> {
         Ok(())
     }
 
-    /// With all signals known from here to there.
+    /// With all signals known over the interval.
     fn advance_known(
         &mut self,
         from_s: f64,
@@ -218,7 +218,7 @@ impl Stepper for Nonlinear<'_> {
         for field in [&mut self.field, &mut self.watch] {
             field.becomes(later);
         }
-        // Another right-hand side, on whatever pieces.
+        // Another right-hand side, with any pieces.
         self.pieces.clear();
     }
 

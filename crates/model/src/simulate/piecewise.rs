@@ -1,12 +1,12 @@
-//! Signals made of straight pieces: what a held command becomes on its way through an actuator, exactly.
+//! Piecewise linear signals: the exact result of a held command behind an actuator.
 
-/// Edges closer than this, relative to the sample, fall together.
+/// Edges within this distance, relative to the sample, coincide.
 pub(super) const TOGETHER: f64 = 1e-9;
 
-/// One straight piece, v(t) = value + slope·(t − start) until the next piece starts.
+/// One linear piece, v(t) = value + slope·(t − start) until the next piece starts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Piece {
-    /// Where it starts, seconds.
+    /// Its start, s.
     pub start_s: f64,
     /// Its value there.
     pub value: f64,
@@ -22,7 +22,7 @@ impl Piece {
     }
 }
 
-/// A signal of straight pieces with jumps between them, continuous from the right. Before the first piece it is constant; the last one never ends.
+/// A piecewise linear signal with jumps between the pieces, continuous from the right. Before the first piece it is constant; the last one never ends.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Piecewise {
     pieces: Vec<Piece>,
@@ -34,7 +34,7 @@ impl Piecewise {
     pub fn held(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> Self {
         let mut pieces: Vec<Piece> = Vec::with_capacity(time_s.len());
         for (&start_s, value) in time_s.iter().zip(values) {
-            // A command that repeats itself has no edge.
+            // A repeated command value has no edge.
             if pieces.last().is_none_or(|before| before.value != value) {
                 pieces.push(Piece { start_s, value, slope: 0.0 });
             }
@@ -42,7 +42,7 @@ impl Piecewise {
         Self { pieces }
     }
 
-    /// Samples joined by straight lines.
+    /// Samples with linear interpolation.
     #[must_use]
     pub fn joined(time_s: &[f64], values: &[f64]) -> Self {
         let piece = |k: usize| {
@@ -61,19 +61,19 @@ impl Piecewise {
         &self.pieces
     }
 
-    /// The value at the start of the first piece, which also holds before it; 0 for a signal without pieces.
+    /// The value at the start of the first piece, also valid before it; 0 for a signal without pieces.
     #[must_use]
     pub fn first(&self) -> f64 {
         self.pieces.first().map_or(0.0, |p| p.value)
     }
 
-    /// Every piece is level.
+    /// Every piece is constant.
     #[must_use]
     pub fn is_held(&self) -> bool {
         self.pieces.iter().all(|p| p.slope == 0.0)
     }
 
-    /// The mean from each edge to the next, and the value at each edge but the last. A piece that rounding alone puts across an edge is passed over.
+    /// The mean from each edge to the next, and the value at each edge but the last. A piece that crosses an edge by rounding alone is skipped.
     pub(super) fn sampled(&self, edges_s: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let count = edges_s.len().saturating_sub(1);
         let (mut means, mut values) = (Vec::with_capacity(count), Vec::with_capacity(count));
@@ -96,7 +96,7 @@ impl Piecewise {
                 let end_s = self.pieces.get(next).map_or(to_s, |p| p.start_s).clamp(start_s, to_s);
                 let end_s = if to_s - end_s <= together { to_s } else { end_s };
                 if start_s == from_s && end_s == to_s && piece.slope == 0.0 {
-                    // The value itself, not a quotient that rounding has touched.
+                    // The value itself, instead of a rounded quotient.
                     means.push(piece.value);
                     break;
                 }
@@ -113,7 +113,7 @@ impl Piecewise {
         (means, values)
     }
 
-    /// The signal later by `delay_s`; what it was at the start holds until then. A negative delay looks ahead.
+    /// The signal delayed by `delay_s`; its initial value holds until then. A negative delay looks ahead.
     #[must_use]
     pub fn delayed(mut self, delay_s: f64) -> Self {
         if delay_s == 0.0 {
@@ -156,7 +156,7 @@ impl Piecewise {
         Self { pieces }
     }
 
-    /// The signal later by `before_s` until `time_s`, by `later_s` from then on.
+    /// The signal delayed by `before_s` until `time_s`, by `later_s` from then on.
     #[must_use]
     pub fn delayed_until(self, before_s: f64, time_s: f64, later_s: f64) -> Self {
         let later = self.clone().delayed(later_s);
@@ -177,7 +177,7 @@ impl Piecewise {
     #[must_use]
     pub fn scaled_until(mut self, before: f64, time_s: f64, later: f64) -> Self {
         let next = self.pieces.partition_point(|p| p.start_s < time_s);
-        // What runs at that time, or begins there, goes on with the other gain.
+        // A piece active at that time, or starting there, continues with the other gain.
         let runs = next > 0 && self.pieces.get(next).is_none_or(|p| p.start_s > time_s);
         if let Some(running) = next.checked_sub(1).filter(|_| runs).map(|at| self.pieces[at]) {
             self.pieces.insert(
@@ -192,13 +192,14 @@ impl Piecewise {
         self
     }
 
-    /// At t what the signal was at t − (delay_s + rate·t), and no later than at t; what it was at the start holds until then. The rate is below 1.
+    /// The value at t is that of the signal at t − (delay_s + rate·t), never of a time after t. The signal's initial value holds until then. The rate is
+    /// below 1.
     #[must_use]
     pub fn drifting(mut self, delay_s: f64, rate: f64) -> Self {
         let Some(start_s) = self.pieces.first().map(|p| p.start_s) else { return self };
         for piece in &mut self.pieces {
             let late_s = (piece.start_s + delay_s) / (1.0 - rate);
-            // Its own time runs at this rate where the delay acts.
+            // The delay changes the speed of the piece's own time.
             let pace = if late_s > piece.start_s { 1.0 - rate } else { 1.0 };
             (piece.start_s, piece.slope) = (late_s.max(piece.start_s), pace * piece.slope);
         }
@@ -212,7 +213,7 @@ impl Piecewise {
         self
     }
 
-    /// What the signal is at phase + n·period, held until the next of these times; what it is at the start holds until the first of them.
+    /// The value of the signal at phase + n·period, held until the next of these times. The initial value holds until the first of them.
     #[must_use]
     pub fn passed_at(&self, period_s: f64, phase_s: f64) -> Self {
         if period_s <= 0.0 {
@@ -220,10 +221,10 @@ impl Piecewise {
         }
         let mut pieces: Vec<Piece> = Vec::with_capacity(self.pieces.len());
         for (k, piece) in self.pieces.iter().enumerate() {
-            // A command that is there at a passing time passes, whatever rounding says.
+            // A command present at a passing time passes, with any rounding of its time.
             let turn = ((piece.start_s - phase_s) / period_s - TOGETHER).ceil();
             let passes_s = if k == 0 { piece.start_s } else { phase_s + turn * period_s };
-            // What another command has replaced before it could pass never does.
+            // A command replaced before a passing time never passes.
             while k > 0
                 && pieces.len() > 1
                 && pieces.last().is_some_and(|before| before.start_s >= passes_s)
@@ -239,7 +240,7 @@ impl Piecewise {
         Self { pieces }
     }
 
-    /// Every value replaced; slopes are multiplied by the second value of `f`. For maps that are straight on each piece.
+    /// Replaces every value, and multiplies slopes by the second value of `f`. For maps that are linear on each piece.
     #[must_use]
     pub fn map(mut self, f: impl Fn(&Piece) -> (f64, f64)) -> Self {
         for piece in &mut self.pieces {
@@ -248,7 +249,7 @@ impl Piecewise {
         self
     }
 
-    /// A memoryless map that is straight between `kinks` (increasing): `f` gives value and local gain. Pieces are split where they cross a kink.
+    /// A memoryless map, linear between `kinks` (increasing): `f` gives value and local gain. Pieces are split at crossings of a kink.
     #[must_use]
     pub fn map_with_kinks(self, kinks: &[f64], f: impl Fn(f64) -> (f64, f64)) -> Self {
         if self.is_held() {
@@ -264,7 +265,7 @@ impl Piecewise {
             let ends = cuts.iter().copied().chain([end_s]);
             let mut start_s = piece.start_s;
             for end_s in ends {
-                // The gain is that of the inside of the piece: at a kink the map has two.
+                // The gain inside the piece: at a kink the map has two.
                 let inside =
                     if end_s.is_finite() { 0.5 * (start_s + end_s) } else { start_s + 1.0 };
                 let (value, gain) = (f(piece.at(start_s)).0, f(piece.at(inside)).1);
@@ -274,7 +275,7 @@ impl Piecewise {
         })
     }
 
-    /// A new signal from each piece and the time at which it ends (infinite for the last): `build` appends the piece's image.
+    /// A new signal from each piece and its end time (infinite for the last): `build` appends the piece's image.
     #[must_use]
     pub fn rebuild(&self, mut build: impl FnMut(&Piece, f64, &mut Vec<Piece>)) -> Self {
         let mut out = Vec::with_capacity(self.pieces.len());
@@ -314,7 +315,7 @@ mod tests {
         let u = Piecewise::held(&[0.0, 0.1, 0.2, 0.3], [1.0, 3.0, -0.7, 0.1]);
         let edges = [0.0, 0.1, 0.2, 0.3, 0.5];
         assert_eq!(u.sampled(&edges), (vec![1.0, 3.0, -0.7, 0.1], vec![1.0, 3.0, -0.7, 0.1]));
-        // A delay of whole samples moves them, to the bit; the last one, twice as long, holds two pieces.
+        // A delay of whole samples moves them, to the bit; the last one, twice as long, contains two pieces.
         let moved = u.clone().delayed(0.1).sampled(&edges).0;
         assert_eq!(moved[..3], [1.0, 1.0, 3.0]);
         assert!((moved[3] + 0.3).abs() < 1e-14, "{moved:?}");

@@ -1,7 +1,7 @@
-//! What is put around and into a simulator before it runs: hooks on the way in, in the dynamics, on the way out and on the clock.
+//! Hooks around and inside a simulator for one run: on its inputs, in its dynamics, on its outputs and on the clock.
 //!
-//! A fresh plan adds nothing. The order in which a signal meets the hooks is fixed here and nowhere else: on the way in `drops`, `late`, `passing`, `delay_s`, `gain` and
-//! `quadratic`, `maps` in the order pushed, `lags`, `modes`, `swaps`; on the way out modes, `mixing`, `lag_s`, `delay_s` and the clock, `play`, `maps`.
+//! A new plan adds nothing. This file alone defines the order in which a signal passes the hooks. Inputs: `drops`, `late`, `passing`, `delay_s`, `gain` and
+//! `quadratic`, `maps` in the order pushed, `lags`, `modes`, `swaps`. Outputs: modes, `mixing`, `lag_s`, `delay_s` and the clock, `play`, `maps`.
 
 use deadtime_signal::progress::HowFar;
 use std::sync::{Arc, OnceLock};
@@ -10,22 +10,22 @@ use super::piecewise::Piecewise;
 use super::system::{Dynamics, ModelNumber, System};
 use crate::c2d::hold::Hold;
 
-/// A map of a whole signal of straight pieces: memoryless, or with a memory such as a play's.
+/// A map of a whole piecewise linear signal: memoryless, or with a memory such as a play's.
 pub type SignalMap = Arc<dyn Fn(Piecewise) -> Piecewise + Send + Sync>;
 /// A map of one sample: log time (s) and value.
 pub type SampleMap = Arc<dyn Fn(f64, f64) -> f64 + Send + Sync>;
 
-/// How commands get lost; by default none does.
+/// The loss of commands; by default none.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Losses {
     /// Probability of a loss.
     pub probability: f64,
-    /// Mean length of a loss, commands; `None`: each is lost for itself.
+    /// Mean length of a loss, commands; `None`: independent losses.
     pub burst: Option<f64>,
 }
 
 impl Losses {
-    /// Probabilities that a loss begins, and that it goes on.
+    /// Probabilities that a loss begins, and that it continues.
     #[must_use]
     pub fn begins_and_goes_on(&self) -> [f64; 2] {
         let p = self.probability;
@@ -33,34 +33,34 @@ impl Losses {
     }
 }
 
-/// What became of something random.
+/// The realisation of a random sequence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Realisation<K> {
     /// Its mean, which is what a fit can predict.
     Mean,
     /// A draw from this seed.
     Seed(u64),
-    /// What happened.
+    /// The known sequence.
     Known(K),
 }
 
-/// Commands that do not arrive: the last one that did is held. The first sample always arrives.
+/// Lost commands: the last one that arrived is held. The first sample always arrives.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drops {
-    /// How they get lost.
+    /// The statistics of the losses.
     pub losses: Losses,
-    /// Which samples of the log are lost.
+    /// The lost samples of the log.
     pub lost: Realisation<Vec<bool>>,
 }
 
-/// Commands that arrive late, each by a delay of its own: draws of a gamma distribution. The first sample has always arrived.
+/// Commands with individual delays: draws of a gamma distribution. The first sample has always arrived.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Late {
     /// Mean delay, seconds.
     pub delay_s: f64,
     /// Standard deviation of the delay, seconds.
     pub spread_s: f64,
-    /// No command overtakes another: it waits for those sent before it. Else the last to arrive acts.
+    /// No command overtakes another: it waits for those sent before it. Otherwise the last to arrive acts.
     pub ordered: bool,
     /// The delays of single commands, seconds, one for each sample of the log.
     pub delays: Delays,
@@ -69,24 +69,24 @@ pub struct Late {
 /// The delays of single commands.
 pub type Delays = Realisation<Vec<f64>>;
 
-/// The way of one input from the log to the plant.
+/// The path of one input from the log to the plant.
 #[derive(Clone, Default)]
 pub struct InputPath {
-    /// Commands that are lost.
+    /// Lost commands.
     pub drops: Option<Drops>,
-    /// Commands that arrive late, each by a delay of its own.
+    /// Commands with individual delays.
     pub late: Option<Late>,
-    /// Period and phase, seconds: commands pass at phase + n·period only, and are held.
+    /// Period and phase, s: commands pass at phase + n·period only, and are held.
     pub passing: Option<(f64, f64)>,
     /// Delay, seconds.
     pub delay_s: f64,
     /// Static curve gain·v + quadratic·v·|v|; `None`: v.
     pub curve: Option<Curve>,
-    /// Maps, in the order in which they act.
+    /// Maps, in the order of action.
     pub maps: Vec<SignalMap>,
-    /// Time constants of first-order lags, seconds, in series.
+    /// Time constants of first-order lags, s, in series.
     pub lags_s: Vec<f64>,
-    /// What the plant receives while it rests where the run begins, where that is known: a map with a memory begins there.
+    /// The plant's input at rest at the start of the run, where known: the initial state of a map with a memory.
     pub rest: Arc<OnceLock<f64>>,
 }
 
@@ -105,20 +105,20 @@ impl Default for Curve {
     }
 }
 
-/// The way of one output from the plant to the log.
+/// The path of one output from the plant to the log.
 #[derive(Clone)]
 pub struct OutputPath {
-    /// (output, gain): what is added of outputs, as they are before any is added.
+    /// (output, gain): outputs to add, with their values before any addition.
     pub mixing: Vec<(usize, f64)>,
     /// Time constants of first-order lags, seconds, in series.
     pub lags_s: Vec<f64>,
     /// Delay, seconds.
     pub delay_s: f64,
-    /// Half the play between the plant and the sensor, from sample to sample: it begins in its middle. It acts before the maps.
+    /// Half the play between the plant and the sensor, from sample to sample; its initial position is the middle. The play acts before the maps.
     pub play: f64,
-    /// Maps of the samples, in the order in which they act.
+    /// Maps of the samples, in the order of action.
     pub maps: Vec<SampleMap>,
-    /// The slope of those maps that a correction by measured outputs is divided by, so that the observer's poles are the same whatever a sensor's gain.
+    /// The slope of those maps. A correction by measured outputs is divided by it, so that the observer's poles are independent of a sensor's gain.
     pub slope: f64,
 }
 
@@ -136,7 +136,7 @@ impl Default for OutputPath {
 }
 
 impl OutputPath {
-    /// What a sample becomes behind the play and the maps; `position` is where the play's far side is, NaN before the first sample.
+    /// A sample after the play and the maps; `position` is the play's far side, NaN before the first sample.
     pub(super) fn shown(&self, value: f64, time_s: f64, position: &mut f64) -> f64 {
         let mut value = value;
         if self.play > 0.0 {
@@ -147,13 +147,13 @@ impl OutputPath {
         self.maps.iter().fold(value, |value, map| map(time_s, value))
     }
 
-    /// What a correction of this output's innovation is multiplied by; 1 where the sensor shows next to nothing.
+    /// The factor on a correction by this output's innovation; 1 for a sensor with a gain near zero.
     pub(super) fn correction(&self) -> f64 {
         if self.slope.abs() > 1e-3 { 1.0 / self.slope } else { 1.0 }
     }
 }
 
-/// Where a resonance is added.
+/// The site of a resonance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ModeSite {
     /// An input of the plant.
@@ -167,9 +167,10 @@ pub enum ModeSite {
 /// A resonance q'' + 2ζω q' + ω² q = ω² v, driven by an input; gain·q is added at the site.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mode {
-    /// The input that drives it: on its way in where it is added to the same input, else at the end of that way (before an operating point is taken off).
+    /// The input that drives it. A mode at the same input uses the signal within that input's path. Other modes use its end, before an operating point is
+    /// subtracted.
     pub input: usize,
-    /// Where it is added.
+    /// Its site.
     pub site: ModeSite,
     /// ω, rad/s.
     pub omega_rad_s: f64,
@@ -179,18 +180,18 @@ pub struct Mode {
     pub gain: f64,
 }
 
-/// A term that is added to a state's derivative.
+/// An additional term of a state's derivative.
 pub enum Term {
     /// gain times another state or an input of the plant.
     Linear {
         /// The state whose derivative changes.
         to: usize,
-        /// What drives it.
+        /// The source of the term.
         from: Source,
         /// Gain.
         gain: f64,
     },
-    /// A level.
+    /// A constant.
     Constant {
         /// The state whose derivative changes.
         to: usize,
@@ -217,14 +218,14 @@ pub enum Term {
         /// The function.
         f: Arc<dyn Fn(f64) -> f64 + Send + Sync>,
     },
-    /// −level·sign(x) on the derivative of x, which sticks at 0 while the rest of its derivative is within ±level.
+    /// −level·sign(x) on the derivative of x, which sticks at 0 while the remainder of its derivative is within ±level.
     Friction {
         /// The state.
         state: usize,
         /// Level, the derivative's unit.
         level: f64,
     },
-    /// −level·z on the derivative of x, where z follows x: ż = x/displacement·(1 − |z|^sharpness) while x and z have one sign, else ż = x/displacement.
+    /// −level·z on the derivative of x, where z follows x. ż = x/displacement·(1 − |z|^sharpness) while x and z have one sign, else ż = x/displacement.
     Hysteresis {
         /// The state x.
         velocity: usize,
@@ -237,24 +238,24 @@ pub enum Term {
     },
 }
 
-/// A number of the model that is another from a time on.
+/// A parameter of the model that changes at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Switch {
     /// The time, seconds from the log's first sample.
     pub time_s: f64,
-    /// Which number.
+    /// The parameter.
     pub number: ModelNumber,
     /// Its value from then on.
     pub value: f64,
 }
 
-/// What a quantity inside the plant passes on its way. In the dynamics it is an input behind the plant's own, and its value before that an output behind them, in
+/// A filter of a quantity inside the plant. In the dynamics the quantity is an input after the plant's own. The unfiltered value is an output after them, in
 /// the order of the plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum InnerFilter {
     /// A first-order lag of this time constant, seconds, settled at the start.
     Lag(f64),
-    /// A dead time, seconds, settled at the start; where its history is not kept, a Padé approximant of order 3 over 4.
+    /// A dead time, s, settled at the start; without a stored history, a Padé approximant of order 3 over 4.
     Delay(f64),
 }
 
@@ -262,7 +263,7 @@ pub enum InnerFilter {
 const PADE: [usize; 2] = [3, 4];
 
 impl InnerFilter {
-    /// States.
+    /// Number of states.
     pub(super) fn order(self) -> usize {
         match self {
             Self::Lag(_) => 1,
@@ -270,7 +271,7 @@ impl InnerFilter {
         }
     }
 
-    /// Its time, seconds, and coefficients of numerator and denominator over powers of s times that.
+    /// Its time, s, and coefficients of numerator and denominator over powers of s times that.
     pub(crate) fn transfer(self) -> (f64, Vec<f64>, Vec<f64>) {
         let [m, n] = PADE;
         let factorial = |k: usize| (1..=k).map(|i| i as f64).product::<f64>();
@@ -289,12 +290,12 @@ impl InnerFilter {
     }
 }
 
-/// What drives a linear term.
+/// The source of a linear term.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
     /// A state.
     State(usize),
-    /// An input, as the plant receives it.
+    /// An input, as received by the plant.
     Input(usize),
 }
 
@@ -321,23 +322,23 @@ impl Default for SensorClock {
     }
 }
 
-/// How closely nonlinear dynamics are integrated: the error allowed in one step. Linear dynamics are exact whatever it says.
+/// The accuracy of the integration of nonlinear dynamics: the error allowed in one step. Linear dynamics are exact for any tolerance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tolerance {
     /// Relative to a state's size.
     pub relative: f64,
     /// The absolute part, in the states' units.
     pub absolute: f64,
-    /// Steps between two edges or samples before the simulation gives up.
+    /// Steps between two edges or samples before the simulation fails.
     pub steps: usize,
-    /// Steps of the whole run before it gives up.
+    /// Steps of the whole run before it fails.
     pub budget: usize,
-    /// Steps may go past samples, up to the next edge: the state there is then read off the step's curve, to the same tolerance but one order lower.
+    /// Steps may pass samples, up to the next edge. The state at a sample then comes from the step's curve, with the same tolerance but one order lower.
     pub past_samples: bool,
 }
 
 impl Default for Tolerance {
-    /// Errors far below what a sensor resolves, at a price that a fit can pay.
+    /// Errors far below the resolution of a sensor, at a cost acceptable for a fit.
     fn default() -> Self {
         Self {
             relative: 1e-8,
@@ -349,12 +350,12 @@ impl Default for Tolerance {
     }
 }
 
-/// What of a simulation is wanted; the rest is not calculated.
+/// The requested parts of a simulation; the others are not computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wanted {
-    /// So many samples of the log, from its first on: outputs after them stay 0. A sampled model and a simulator that is only called give all.
+    /// Number of samples of the log, from its first on: outputs after them stay 0. A sampled model and a black-box simulator compute all.
     pub samples: usize,
-    /// The plant's states at the log's stamps, as well as the outputs.
+    /// Also the plant's states at the log's stamps.
     pub states: bool,
 }
 
@@ -369,13 +370,13 @@ impl Default for Wanted {
 pub struct Plan {
     /// The dynamics.
     pub dynamics: Dynamics,
-    /// Numbers of the dynamics that are others from a time on; a sampled model and a simulator that is only called know none.
+    /// Parameters of the dynamics that change at a time; not available for a sampled model and a black-box simulator.
     pub switches: Vec<Switch>,
     /// One path per input.
     pub inputs: Vec<InputPath>,
-    /// Two inputs and how far they are swapped at the end of their ways: 0 not at all, 1 wholly.
+    /// Two inputs, and the share of their swap at the end of their paths: 0 none, 1 complete.
     pub swaps: Vec<(usize, usize, f64)>,
-    /// What quantities inside the plant pass.
+    /// Filters of quantities inside the plant.
     pub filters: Vec<InnerFilter>,
     /// Terms of the dynamics.
     pub terms: Vec<Term>,
@@ -385,19 +386,19 @@ pub struct Plan {
     pub outputs: Vec<OutputPath>,
     /// The sensors' clock.
     pub clock: SensorClock,
-    /// How the commands run between samples. Straight lines pass delays, lags and modes only; a sampled model and a simulator that is
-    /// only called know nothing between the samples.
+    /// The hold of the commands between samples. Linear interpolation supports delays, lags and modes only; a sampled model and a black-box simulator have no
+    /// values between the samples.
     pub hold: Hold,
-    /// How closely nonlinear dynamics are integrated.
+    /// The accuracy of the integration of nonlinear dynamics.
     pub tolerance: Tolerance,
-    /// What of it is wanted.
+    /// The requested parts.
     pub wanted: Wanted,
-    /// Where it is said how far the simulation is.
+    /// Progress of the simulation.
     pub far: HowFar,
 }
 
 impl Plan {
-    /// The simulator as it stands.
+    /// The simulator without hooks.
     #[must_use]
     pub fn new(system: &System) -> Self {
         let inputs = system

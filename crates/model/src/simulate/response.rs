@@ -24,7 +24,7 @@ fn step(samples: usize, inputs: usize, input: usize) -> DMatrix<f64> {
 /// The outputs on a grid after a step of each input from 0 to 1 at the first sample, delays included.
 ///
 /// # Errors
-/// [`SimulateError::Explodes`] where the state leaves the range of numbers.
+/// [`SimulateError::Explodes`] where the state is no longer finite.
 pub fn step_response(
     sys: &StateSpace<Continuous>,
     sample_time: SampleTime,
@@ -35,7 +35,7 @@ pub fn step_response(
         .collect()
 }
 
-/// The same of a sampled model.
+/// The same for a sampled model.
 ///
 /// # Errors
 /// As [`step_response`].
@@ -48,7 +48,7 @@ pub fn step_response_sampled(
         .collect()
 }
 
-/// The impulse response C·exp(A(t − τ))·B on a grid, for t ≥ τ, the delay of the input; the impulse that a direct path passes on is not shown.
+/// The impulse response C·exp(A(t − τ))·B on a grid, for t ≥ τ, the delay of the input. The impulse of a direct path is not included.
 ///
 /// # Errors
 /// As [`step_response`].
@@ -61,7 +61,7 @@ pub fn impulse_response(
     let phi = transition(sys.a(), sys.b(), ts, Hold::Zero).0;
     let one = |j: usize| {
         let delay = sample_time.samples(sys.input_delay()[j])?;
-        // The first sample at or after the impulse, and how long after it.
+        // The first sample at or after the impulse, and the time since it.
         let (first, since) = if delay.fraction == 0.0 {
             (delay.whole, 0.0)
         } else {
@@ -84,7 +84,8 @@ pub fn impulse_response(
     (0..sys.inputs()).map(one).collect()
 }
 
-/// The response of a sampled model to one pulse of unit area, 1/Ts high and one sample long, as MATLAB's `impulse` has it: the Markov parameters over Ts.
+/// The response of a sampled model to one pulse of unit area, 1/Ts high and one sample long, as MATLAB's `impulse`. The response equals the Markov parameters
+/// over Ts.
 ///
 /// # Errors
 /// As [`step_response`].

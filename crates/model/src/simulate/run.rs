@@ -30,16 +30,16 @@ pub struct Commands<'a> {
 }
 
 impl System {
-    /// Simulates the system under a plan, from the state `x0` at the log's first sample: free, or corrected by measured outputs at every sample, or free over
-    /// a horizon from where these corrections lead.
+    /// Simulates the system under a plan, from the state `x0` at the log's first sample. The run is free, corrected by measured outputs at every sample, or
+    /// free over a horizon from the corrected states.
     ///
-    /// A simulator that is only called gets what arrives at it on average over each sample, at the log's stamps; its states stay unknown. Else it is
-    /// exact for linear systems and affine equations (held and straight inputs, delays of any size); nonlinear ones are integrated from edge to edge of the inputs, to the plan's
+    /// A black-box simulator gets the mean of each arriving input over each sample, at the log's stamps; its states are unknown. Linear systems and affine
+    /// equations are exact (held and linear inputs, delays of any size). Nonlinear ones are integrated from edge to edge of the inputs, to the plan's
     /// tolerance. The equations' `time` counts from the log's first sample.
     ///
     /// # Errors
-    /// [`SimulateError`]: shapes that do not fit, a command that is not finite, time that does not increase, a state that explodes,
-    /// an equation that is undefined (which, and which part), an integration that fails.
+    /// [`SimulateError`] for shapes that do not match, a command that is not finite, time that does not increase, a diverging state. Likewise for an
+    /// undefined equation (with its part), and a failed integration.
     pub fn simulate(
         &self,
         plan: &Plan,
@@ -65,7 +65,7 @@ impl System {
         }
     }
 
-    /// Simulates dynamics that are known at all times.
+    /// Simulates dynamics with a state at all times.
     fn between_samples(
         &self,
         plan: &Plan,
@@ -78,7 +78,7 @@ impl System {
         let first: Vec<f64> = signals.iter().map(Piecewise::first).collect();
         let phases = plan.phases();
         let every = || std::iter::once(dynamics).chain(phases.iter().map(|(_, dynamics)| dynamics));
-        // Equations that are affine throughout need no evaluation.
+        // Affine equations need no evaluation.
         let affine: Option<Vec<Affine>> = every().map(|dynamics| self.affine(dynamics)).collect();
         let smooth = !plan.terms.iter().any(|t| {
             matches!(t, Term::Function { .. } | Term::Friction { .. } | Term::Hysteresis { .. })
@@ -118,7 +118,7 @@ impl System {
         })
     }
 
-    /// The outputs of equations at the start; 0 of linear dynamics.
+    /// The outputs of equations at the start; 0 for linear dynamics.
     fn first_outputs(&self, dynamics: &Dynamics, x0: &[f64], received: &[f64]) -> Vec<f64> {
         let mut y = vec![0.0; self.outputs.len()];
         if let Some((equations, parameters)) = equations_of(dynamics) {
@@ -130,7 +130,7 @@ impl System {
     }
 }
 
-/// What arrives of every input at the end of its path.
+/// The signal of every input at the end of its path.
 fn arriving(plan: &Plan, commands: Commands<'_>) -> Result<Vec<Piecewise>, SimulateError> {
     let joined = plan.hold == Hold::Linear
         && !matches!(plan.dynamics, Dynamics::Sampled(..) | Dynamics::BlackBox(..));
@@ -144,7 +144,7 @@ fn arriving(plan: &Plan, commands: Commands<'_>) -> Result<Vec<Piecewise>, Simul
     plan.inputs.iter().zip(commands.inputs).enumerate().map(arriving).collect()
 }
 
-/// The equations and their parameters; `None` of linear dynamics.
+/// The equations and their parameters; `None` for linear dynamics.
 fn equations_of(dynamics: &Dynamics) -> Option<(&Equations, &[f64])> {
     match dynamics {
         Dynamics::Equations(equations, parameters) => {
@@ -154,7 +154,7 @@ fn equations_of(dynamics: &Dynamics) -> Option<(&Equations, &[f64])> {
     }
 }
 
-/// A free run; one with corrections; or free runs over a horizon from where a run with corrections was.
+/// A free run; one with corrections; or free runs over a horizon from the states of a corrected run.
 fn follow(
     correction: Option<Correction<'_>>,
     walk: impl Fn(Guide<'_>) -> Result<Run, SimulateError>,
@@ -166,18 +166,18 @@ fn follow(
     Ok(Run { steps: run.steps + corrected.steps, ..run })
 }
 
-/// Steps of a whole run whose right-hand side takes so many operations: about [`WORK`] operations in all, which is a minute. A step takes seven evaluations, or
-/// as many as there are states where its Jacobian is needed; what else an evaluation takes is that of a hundred operations. A long log has [`STEPS_A_SAMPLE`]
-/// for every sample, whatever they cost: its own length asks for them.
+/// Step budget of a whole run for a right-hand side with this number of operations: about [`WORK`] operations in all, about one minute. A step takes seven
+/// evaluations, or as many as there are states where its Jacobian is needed. The overhead of an evaluation equals 100 operations. A long log has
+/// [`STEPS_A_SAMPLE`] for every sample, at any cost, because its length requires them.
 fn affordable(operations: usize, states: usize, samples: usize) -> usize {
     let steps = (WORK / ((operations + 100) as f64 * (7 + states) as f64)) as usize;
     steps.max(STEPS_A_SAMPLE.saturating_mul(samples))
 }
 
-/// Operations of a run at most; one takes 2 to 4 ns.
+/// Largest number of operations of a run; one takes 2 to 4 ns.
 const WORK: f64 = 2e10;
 
-/// Steps from sample to sample that are never too many: ten times what a log needs that is sampled as its model asks for.
+/// Steps per sample that are always allowed: ten times the need of a log with the model's own sample time.
 const STEPS_A_SAMPLE: usize = 16;
 
 fn check(system: &System, commands: Commands<'_>, x0: &[f64]) -> Result<(), SimulateError> {
@@ -235,7 +235,7 @@ fn arrive(path: &InputPath, time_s: &[f64], values: &[f64]) -> Result<Piecewise,
     Ok(path.maps.iter().fold(signal, |signal, map| map(signal)))
 }
 
-/// The same of commands that straight lines join.
+/// The same for linearly interpolated commands.
 fn arrive_joined(
     input: usize,
     path: &InputPath,
@@ -249,7 +249,7 @@ fn arrive_joined(
     Ok(Piecewise::joined(time_s, values).delayed(path.delay_s))
 }
 
-/// Commands as they arrive, each late by a delay of its own.
+/// Commands in order of arrival, each with its own delay.
 fn arrive_late(late: &Late, time_s: &[f64], values: &[f64]) -> Result<Piecewise, SimulateError> {
     let mean = late.delay_s;
     let drawn = match &late.delays {
@@ -277,13 +277,13 @@ fn arrive_late(late: &Late, time_s: &[f64], values: &[f64]) -> Result<Piecewise,
     };
     let mut arrivals: Vec<(f64, f64)> =
         time_s.iter().zip(values).enumerate().map(arrival).collect();
-    // Stable: of commands that arrive together the last one sent acts.
+    // Stable: of commands with one arrival time the last one sent acts.
     arrivals.sort_by(|a, b| a.0.total_cmp(&b.0));
     Ok(Piecewise::arriving(&arrivals))
 }
 
 impl Late {
-    /// The distribution of the delays; `None` where they have no spread.
+    /// The distribution of the delays; `None` without spread.
     #[must_use]
     pub fn distribution(&self) -> Option<Gamma<f64>> {
         let (mean, spread) = (self.delay_s, self.spread_s);
@@ -294,7 +294,7 @@ impl Late {
     }
 }
 
-/// The commands that are passed on.
+/// The commands that arrive.
 fn passed_on(drops: &Drops, values: &[f64]) -> Result<Vec<f64>, SimulateError> {
     let first = values.first().copied().unwrap_or(0.0);
     // The last command that arrived; the first one always does.
@@ -319,14 +319,14 @@ fn passed_on(drops: &Drops, values: &[f64]) -> Result<Vec<f64>, SimulateError> {
             let mut rng = ChaCha8Rng::seed_from_u64(*seed);
             let mut lost = false;
             Ok(held(&mut |k| {
-                // The first command arrives, whatever was drawn.
+                // The first command arrives for any draw.
                 let probability = if lost { goes_on } else { begins };
                 lost = rng.random::<f64>() < probability && k > 0;
                 lost
             }))
         }
-        // While a loss lasts, w(k) = E[held | lost at k] = (1 − c)·u(k − 1) + c·w(k − 1), c the probability that it goes on: what was there before it began.
-        // E[passed on at k] = (1 − p)·u(k) + p·w(k).
+        // During a loss, w(k) = E[held | lost at k] = (1 − c)·u(k − 1) + c·w(k − 1). c is the probability that the loss continues. The held value is the one
+        // before the loss. E[passed on at k] = (1 − p)·u(k) + p·w(k).
         Realisation::Mean => {
             let p = losses.probability;
             let (mut held, mut before) = (first, first);
@@ -341,7 +341,8 @@ fn passed_on(drops: &Drops, values: &[f64]) -> Result<Vec<f64>, SimulateError> {
 }
 
 impl System {
-    /// ∂y/∂x0 under a plan, by central differences of one `scale` per state (0: the column is 0): samples × outputs stacked by output, one column per state.
+    /// ∂y/∂x0 under a plan, by central differences of one `scale` per state (0: the column is 0). Samples × outputs are stacked by output, one column per
+    /// state.
     ///
     /// # Errors
     /// As [`System::simulate`].
@@ -375,8 +376,8 @@ impl System {
 }
 
 impl System {
-    /// The same of a simulator that is started again and again: a state is moved in all windows at once, as none reaches into the next. Columns are
-    /// window by window; `scale` is per state.
+    /// The same for a simulator with repeated restarts: a state is moved in all windows at once, because windows are independent. Columns are window by window;
+    /// `scale` is per state.
     fn sensitivity_of_windows(
         &self,
         plan: &Plan,
@@ -410,7 +411,7 @@ impl System {
 mod tests {
     use super::*;
 
-    /// Commands so far apart that none overtakes another: their edges are their delays.
+    /// Commands so widely spaced that none overtakes another: their edges are their delays.
     #[test]
     fn random_delays_have_the_mean_and_the_standard_deviation_that_are_asked_for() {
         let count = 20_000;

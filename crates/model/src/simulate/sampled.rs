@@ -1,7 +1,7 @@
-//! A model that is known at its samples only, sampled or called, with hooks on its inputs, outputs and clock.
+//! A model known at its samples only, sampled or black-box, with hooks on its inputs, outputs and clock.
 //!
-//! Between the samples, where a hook asks: an input of the plant is the mean of the signal over the sample; its direct path sees the signal at the
-//! sampling instant; an output is linear from one sample to the next.
+//! Between the samples: an input of the plant is the mean of the signal over the sample. The direct path uses the signal at the sampling instant. An output is
+//! linear from one sample to the next.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -18,7 +18,7 @@ use super::walk::{Correction, Drive, Guide, Run, Stepper, begin_of, walk};
 use crate::matrices::Matrices;
 use deadtime_signal::time::SampleTime;
 
-/// A plant of gains and integrators, to carry signals through their paths.
+/// A plant of gains and integrators, through which signals pass their paths.
 fn bench(
     inputs: usize,
     a: DMatrix<f64>,
@@ -47,7 +47,7 @@ fn bench(
     }
 }
 
-/// What arrives at the plant: means over the samples and values at the sampling instants, each samples × inputs. The last sample lasts `last_s`.
+/// The plant's inputs: means over the samples and values at the sampling instants, each samples × inputs. The last sample lasts `last_s`.
 fn arriving(
     plan: &Plan,
     signals: &[Piecewise],
@@ -120,14 +120,14 @@ fn first_values(system: &System, plan: &Plan, signals: &[Piecewise]) -> Assembly
     )
 }
 
-/// The lags of an output, of unit gain and in series: their input runs in straight pieces.
+/// The lags of an output, of unit gain and in series, with a piecewise linear input.
 struct Lags {
     chain: Linear,
     drive: Drive,
 }
 
 impl Lags {
-    /// `None` where the output has none.
+    /// `None` for an output without lags.
     fn of(path: &OutputPath) -> Option<Self> {
         if path.lags_s.is_empty() {
             return None;
@@ -158,7 +158,7 @@ impl Lags {
     }
 }
 
-/// One output between the samples: straight pieces through its lags.
+/// One output between the samples: linear pieces through its lags.
 struct Sensor<'a> {
     path: &'a OutputPath,
     time_s: &'a [f64],
@@ -174,7 +174,7 @@ impl<'a> Sensor<'a> {
         Self { path, time_s, values: Vec::new(), lags: Lags::of(path), lagged: Vec::new() }
     }
 
-    /// The output of this number with what is added of the others.
+    /// The output with this index plus the contributions of the others.
     fn mixed(&self, output: usize, own: &[f64]) -> f64 {
         let added = self.path.mixing.iter().map(|&(from, gain)| gain * own[from]);
         own[output] + added.sum::<f64>()
@@ -201,10 +201,10 @@ impl<'a> Sensor<'a> {
         Ok(())
     }
 
-    /// The output after its lags, as far as it is known: held before the first sample and after the last.
+    /// The output after its lags, as far as known: held before the first sample and after the last.
     fn read(&mut self, at_s: f64) -> Result<f64, SimulateError> {
         let Some(last) = self.values.len().checked_sub(1) else { return Ok(0.0) };
-        // Rounding must not turn a sample into the moment before it.
+        // Rounding must not move a sample to the moment before it.
         let tolerance = 1e-9 * (self.time_s.get(1).copied().unwrap_or(1.0) - self.time_s[0]);
         let k = self.time_s[..=last].partition_point(|&t| t <= at_s + tolerance).saturating_sub(1);
         let at_s = if k == last { self.time_s[last] } else { at_s.max(self.time_s[0]) };
@@ -219,11 +219,11 @@ impl<'a> Sensor<'a> {
     }
 }
 
-/// The outputs of a plant that is known at its samples only.
+/// The outputs of a plant known at its samples only.
 struct Sensors<'a> {
     plan: &'a Plan,
     all: Vec<Sensor<'a>>,
-    /// Where the far side of each output's play is.
+    /// The position of the far side of each output's play.
     positions: Vec<f64>,
 }
 
@@ -241,7 +241,7 @@ impl<'a> Sensors<'a> {
         Ok(())
     }
 
-    /// At the last sample the outputs are these, and the lags where others have them.
+    /// Sets the outputs at the last sample, with the lags' states of `others`.
     fn begin_again(&mut self, others: &Self, own: &[f64]) {
         self.positions.clone_from(&others.positions);
         for (i, (sensor, other)) in self.all.iter_mut().zip(&others.all).enumerate() {
@@ -255,7 +255,7 @@ impl<'a> Sensors<'a> {
         }
     }
 
-    /// What the log shows of an output at this stamp; stamps follow each other.
+    /// The logged value of an output at this stamp; stamps must increase.
     fn reading(&mut self, output: usize, stamp_s: f64) -> Result<f64, SimulateError> {
         let sensor = &mut self.all[output];
         let value = sensor.read(taken(self.plan.clock, sensor.path, stamp_s))?;
@@ -272,7 +272,7 @@ impl<'a> Sensors<'a> {
     }
 }
 
-/// When a sample of the log is read, in the commands' time.
+/// The reading time of a sample of the log, in the commands' time.
 fn taken(clock: SensorClock, path: &OutputPath, stamp_s: f64) -> f64 {
     clock.commands_time_s(stamp_s) - path.delay_s
 }
@@ -297,7 +297,7 @@ pub(super) fn run(
     let samples = time_s.len();
     let grid = grid(plan, time_s, ts, correction.is_none());
     let [mean, instant] = arriving(plan, signals, &grid, ts.seconds())?;
-    // One column a sample.
+    // One column per sample.
     let about = |u: &DMatrix<f64>| {
         DMatrix::from_fn(u.ncols(), u.nrows(), |i, k| u[(k, i)] - system.input_operating[i])
     };
@@ -354,8 +354,7 @@ pub(super) fn run(
     Ok(run)
 }
 
-/// The stamps at which the model is simulated. A clock that runs ahead reads outputs after the
-/// log's last sample: the model then goes on with the last command.
+/// The stamps at which the model is simulated. A fast sensor clock reads outputs after the log's last sample: the model then continues with the last command.
 fn grid(plan: &Plan, time_s: &[f64], ts: SampleTime, free: bool) -> Vec<f64> {
     let last = time_s.last().copied().unwrap_or(0.0);
     let ahead =
@@ -366,7 +365,7 @@ fn grid(plan: &Plan, time_s: &[f64], ts: SampleTime, free: bool) -> Vec<f64> {
     time_s.iter().copied().chain(more).collect()
 }
 
-/// Reads every output at sample `k`, and moves the state by what was measured there.
+/// Reads every output at sample `k`, and corrects the state by the measurement.
 fn correct(
     plan: &Plan,
     correction: Correction<'_>,
@@ -377,8 +376,7 @@ fn correct(
 ) -> Result<(), SimulateError> {
     for (j, path) in plan.outputs.iter().enumerate() {
         let value = sensors.reading(j, time_s[k])?;
-        // What was taken before the prediction began belongs to the time that the corrected run
-        // knows.
+        // Samples from before the start of the prediction belong to the corrected run.
         let own = |ahead: &&mut &mut Ahead<'_>| {
             k == 0 || taken(plan.clock, path, time_s[k]) > time_s[begin_of(k, ahead.every)]
         };
@@ -393,7 +391,8 @@ fn correct(
     Ok(())
 }
 
-/// Simulates what can only be called, at the log's stamps: once, or from window to window where `x0` holds several starts, one behind the other. What its clock would have it read after the last of them is the last sample.
+/// Simulates a black box at the log's stamps: once, or window by window if `x0` holds several concatenated initial states. Readings after the last stamp return
+/// the last sample.
 pub(super) fn called(
     system: &System,
     plan: &Plan,

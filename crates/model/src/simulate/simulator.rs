@@ -1,4 +1,4 @@
-//! What a simulator that can only be called is asked for.
+//! The interface of a black-box simulator.
 
 use std::fmt;
 
@@ -13,15 +13,15 @@ pub struct Port {
     pub unit: Option<String>,
 }
 
-/// A simulator of which nothing is known but what it answers.
+/// A simulator known only by its outputs.
 pub trait Simulator: Send + Sync + fmt::Debug {
-    /// The outputs (samples × outputs) at the time stamps, from the start `x0`.
+    /// The outputs (samples × outputs) at the time stamps, from the initial state `x0`.
     ///
-    /// `u` (samples × inputs) holds from its own stamp to the next; `time_s` counts from the log's
-    /// first sample and may be uneven. The same call must give the same answer.
+    /// `u` (samples × inputs) holds from its own stamp to the next; `time_s` starts at the log's first sample and may be uneven. The same call must return the
+    /// same outputs.
     ///
     /// # Errors
-    /// What went wrong, as a phrase.
+    /// The failure, as a phrase.
     fn simulate(
         &self,
         u: &DMatrix<f64>,
@@ -31,13 +31,11 @@ pub trait Simulator: Send + Sync + fmt::Debug {
     ) -> Result<DMatrix<f64>, String>;
 }
 
-/// Where a simulator's states stand in logs, so that it can be started again on the way: multiple
-/// shooting, for simulators whose free run says nothing.
+/// The log channels of a simulator's states, for restarts within a log: multiple shooting, for simulators whose free run is uninformative.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Restart {
-    /// Per state, the log's channel that holds it; `None`: it begins at its initial value every
-    /// time.
+    /// Per state, its log channel; `None`: it starts at its initial value every time.
     pub channels: Vec<Option<String>>,
-    /// Seconds between two starts; `None`: chosen by how fast a perturbation grows.
+    /// Seconds between two starts; `None`: from the growth rate of a perturbation.
     pub every_s: Option<f64>,
 }

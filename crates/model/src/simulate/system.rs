@@ -1,4 +1,4 @@
-//! A simulator with the names and units of its channels: what a model file describes, of either kind.
+//! A simulator with the names and units of its channels: the content of a model file, of either kind.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::file::lti::ModelFile;
 use crate::matrices::Matrices;
 use deadtime_signal::time::SampleTime;
 
-/// A continuous or sampled model that is linear but for constants: ẋ = A x + B u + drift, y = C x + D u + level.
+/// A continuous or sampled affine model. ẋ = A x + B u + drift, y = C x + D u + level.
 #[derive(Debug, Clone)]
 pub(super) struct Affine {
     pub(super) matrices: Matrices,
@@ -23,7 +23,7 @@ pub(super) struct Affine {
     pub(super) level: Vec<f64>,
 }
 
-/// What moves the state.
+/// The dynamics of the state.
 #[derive(Debug, Clone)]
 pub enum Dynamics {
     /// A continuous linear model.
@@ -32,11 +32,11 @@ pub enum Dynamics {
     Sampled(Matrices, SampleTime),
     /// A nonlinear model and the values of its parameters.
     Equations(Arc<Equations>, Vec<f64>),
-    /// A simulator that can only be called, and the values of its parameters.
+    /// A black-box simulator, and the values of its parameters.
     BlackBox(Arc<dyn Simulator>, Vec<f64>),
 }
 
-/// Where a number of the model stands.
+/// The position of a parameter in the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ModelNumber {
     /// A named parameter.
@@ -48,7 +48,7 @@ pub enum ModelNumber {
 }
 
 impl Dynamics {
-    /// Puts a value in the place of a number; nothing where the dynamics have no such number.
+    /// Sets the value of a parameter; no effect where the dynamics have no such parameter.
     pub fn set(&mut self, number: ModelNumber, value: f64) {
         match (self, number) {
             (
@@ -66,7 +66,7 @@ impl Dynamics {
     }
 }
 
-/// A simulator: dynamics, names, start and operating points.
+/// A simulator: dynamics, names, initial state and operating points.
 #[derive(Debug, Clone)]
 pub struct System {
     /// The model's name.
@@ -77,30 +77,30 @@ pub struct System {
     pub states: Vec<Port>,
     /// The outputs.
     pub outputs: Vec<Port>,
-    /// The named parameters; none for a linear model.
+    /// The named parameters; empty for a linear model.
     pub parameters: Vec<Port>,
-    /// The names of those that are exact: a gain in firmware.
+    /// The names of exact parameters, such as a gain in firmware.
     pub known: Vec<String>,
-    /// What moves the state.
+    /// The dynamics.
     pub dynamics: Dynamics,
     /// One delay per input, seconds.
     pub input_delay_s: Vec<f64>,
-    /// The state when a log starts.
+    /// The state at the start of a log.
     pub initial: Vec<f64>,
-    /// Its standard deviation; `None` where the start is unknown.
+    /// Its standard deviation; `None` for an unknown initial state.
     pub initial_std: Vec<Option<f64>>,
-    /// The matrices act on u − this.
+    /// Operating inputs: the matrices act on u minus these.
     pub input_operating: Vec<f64>,
-    /// The matrices give y − this.
+    /// Operating outputs: the matrices give y minus these.
     pub output_operating: Vec<f64>,
-    /// The equations with terms in them that a user suspects to be missing.
+    /// The equations with additional terms that may be missing.
     pub candidates: Option<Arc<Candidates>>,
-    /// Where a simulator that can only be called is started again from the log; `None`: it runs freely from the start.
+    /// The restarts of a black-box simulator from the log; `None`: it runs freely from the start.
     pub restart: Option<Restart>,
 }
 
 impl System {
-    /// The dynamics as matrices and constants; `None` of what they do not say all, or say at greater cost.
+    /// The dynamics as matrices and constants; `None` where these are incomplete, or more expensive.
     pub(super) fn affine(&self, dynamics: &Dynamics) -> Option<Affine> {
         match dynamics {
             Dynamics::Linear(matrices) | Dynamics::Sampled(matrices, _) => {
@@ -124,7 +124,7 @@ impl System {
         matches!(self.dynamics, Dynamics::Sampled(..))
     }
 
-    /// The simulator can only be called: what moves inside it is not known.
+    /// The simulator is a black box: its internal dynamics are unknown.
     #[must_use]
     pub fn is_black_box(&self) -> bool {
         matches!(self.dynamics, Dynamics::BlackBox(..))
@@ -132,10 +132,10 @@ impl System {
 }
 
 impl System {
-    /// From a model file. `mean` gives the mean of a channel over the training logs, asked for where an operating point is `"mean"`.
+    /// From a model file. `mean` gives the mean of a channel over the training logs, for an operating point of `"mean"`.
     ///
     /// # Errors
-    /// [`crate::error::ModelError`] for a file that describes no model; whatever `mean` returns.
+    /// [`crate::error::ModelError`] for an invalid model file; any error of `mean`.
     pub fn new(
         document: &ModelDocument,
         mut mean: impl FnMut(&str) -> Result<f64>,
@@ -156,7 +156,7 @@ impl System {
             (operating(document.inputs())?, operating(document.outputs())?);
         let as_equations;
         let document = match document {
-            // Given a suspected term a linear model is one of equations.
+            // With a suspected term, a linear model becomes one of equations.
             ModelDocument::Lti(file) if !file.candidates.is_empty() => {
                 as_equations = ModelDocument::Equations(file.to_equations([
                     &[],
@@ -206,7 +206,7 @@ fn or_zero(list: &[f64], n: usize) -> Vec<f64> {
     if list.is_empty() { vec![0.0; n] } else { list.to_vec() }
 }
 
-/// What a file says of the dynamics and of where they start.
+/// The dynamics and the initial state in a file.
 struct Plant {
     dynamics: Dynamics,
     parameters: Vec<Port>,
@@ -252,18 +252,18 @@ impl Plant {
     }
 }
 
-/// Evaluations of the derivatives in a step of the integration.
+/// Evaluations of the derivatives per integration step.
 const EVALUATIONS: usize = 7;
 
 impl Affine {
-    /// Affine equations, unless a sparse large model makes a step of the integration cheaper than one product with a full matrix.
+    /// Affine equations, unless a sparse large model makes an integration step cheaper than one product with a full matrix.
     fn pays(equations: &Equations) -> bool {
         let states = equations.state_variables().len();
         equations.is_affine()
             && states * states <= EVALUATIONS * (equations.operations().0 + states)
     }
 
-    /// Of affine equations; `None` where one of their numbers is not finite.
+    /// For affine equations; `None` where one of their values is not finite.
     fn of(equations: &Equations, parameters: &[f64]) -> Option<Self> {
         let [x, u] = [equations.state_variables().len(), equations.input_symbols().len()]
             .map(|n| vec![0.0; n]);

@@ -1,4 +1,4 @@
-//! The walk through time: from edge to edge of the signals and from sample to sample of the sensors.
+//! The simulation through time: from edge to edge of the signals and from sample to sample of the sensors.
 
 use std::num::NonZeroUsize;
 
@@ -9,31 +9,31 @@ use super::history::Histories;
 use super::piecewise::{Piece, Piecewise, TOGETHER};
 use super::plan::Plan;
 
-/// The piece that every signal is on.
+/// The present piece of every signal.
 #[derive(Default)]
 pub(super) struct Drive {
     pub(super) pieces: Vec<Piece>,
-    /// Until when nothing but the system itself will move its state; `None`: not known.
+    /// The time until which only the system itself moves its state; `None`: unknown.
     pub(super) alone_until_s: Option<f64>,
-    /// Late quantities inside the system, which are signals as well.
+    /// Delayed quantities inside the system, which are signals as well.
     pub(super) late: Histories,
 }
 
-/// A system that can be moved through time.
+/// A system that can be advanced in time.
 pub(super) trait Stepper {
-    /// Moves the state; the signals stay on their pieces.
+    /// Advances the state; the signals stay on their pieces.
     fn advance(&mut self, from_s: f64, to_s: f64, drive: &Drive) -> Result<(), SimulateError>;
     /// The outputs at the sensors, before the maps of their samples.
     fn outputs(&mut self, at_s: f64, drive: &Drive, y: &mut [f64]) -> Result<(), SimulateError>;
     /// The plant's own state.
     fn plant_state(&mut self) -> &mut [f64];
-    /// The same with the states of everything on the way in and out.
+    /// The same including the states of all input and output paths.
     fn whole_state(&mut self) -> &mut [f64];
-    /// What its late quantities were; empty where it has none.
+    /// The past of its delayed quantities; empty without any.
     fn histories(&mut self) -> Option<&mut Histories> {
         None
     }
-    /// The dynamics are those from the plan's switch of this number on, in order of time; the state stays.
+    /// The dynamics change to those of the plan's switch with this index, in order of time; the state remains.
     fn switch(&mut self, number: usize);
     /// Steps of the integration so far.
     fn steps(&self) -> usize {
@@ -41,31 +41,31 @@ pub(super) trait Stepper {
     }
 }
 
-/// Measured outputs that correct the state at every sample: x ← x + K·(measured − predicted), the same K for every hypothesis.
+/// Measured outputs that correct the state at every sample: x ← x + K·(measured − predicted), with one K for every hypothesis.
 #[derive(Debug, Clone, Copy)]
 pub struct Correction<'a> {
     /// K, states × outputs.
     pub gain: &'a DMatrix<f64>,
-    /// One per output: value and whether it is there.
+    /// One per output: values, and whether they are present.
     pub measured: &'a [Measured],
-    /// Predictions of one step (`None`), or of 1 to so many steps: from every sample whose number is a multiple of it the system runs freely, from the state
-    /// that the corrections at all samples up to it make.
+    /// `None`: one-step predictions. Otherwise predictions of 1 to this number of steps. Free runs start at every sample whose index is a multiple of it, from
+    /// the state corrected at all samples up to it.
     pub horizon: Option<NonZeroUsize>,
 }
 
-/// What moves the state besides its dynamics.
+/// The additional influence on the state.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Guide<'a> {
     /// Nothing.
     Free,
     /// Corrections at every sample.
     Corrected(Correction<'a>),
-    /// At every so manieth sample but the first it is set to where a corrected run was.
+    /// At every `every`-th sample except the first, the state is set to that of a corrected run.
     Restarted { every: NonZeroUsize, corrected: &'a Run },
 }
 
 impl Guide<'_> {
-    /// Samples from one beginning of a prediction to the next.
+    /// Samples between the starts of successive predictions.
     fn every(&self) -> Option<usize> {
         match self {
             Self::Free => None,
@@ -75,18 +75,18 @@ impl Guide<'_> {
     }
 }
 
-/// The sample whose state begins the prediction of sample k.
+/// The sample with the initial state for the prediction of sample k.
 pub(super) fn begin_of(k: usize, every: usize) -> usize {
     k.saturating_sub(1) / every * every
 }
 
-/// Where predictions over a horizon begin: at a sample, when the last output takes it. Samples that outputs with longer delays take before that moment still
-/// belong to the time before it, of which the corrected run knows more.
+/// The start of predictions over a horizon: at a sample, when the last output is read. Samples of outputs with longer delays, read before that moment, still
+/// belong to the earlier time, for which the corrected run is more accurate.
 struct Begins {
     every: usize,
     /// The shortest delay of an output.
     delay_s: f64,
-    /// The sample with which the present predictions began, and when the next ones begin.
+    /// The first sample of the present predictions, and the start of the next ones.
     sample: usize,
     due_s: f64,
 }
@@ -109,14 +109,14 @@ impl Begins {
 /// Samples of one output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measured {
-    /// The values; anything finite where one is missing.
+    /// The values; any finite value where one is missing.
     pub values: Vec<f64>,
-    /// Which are there; `None`: all.
+    /// The mask of present samples; `None`: all.
     pub present: Option<Vec<bool>>,
 }
 
 impl Measured {
-    /// The sample, if it is there.
+    /// The sample, if present.
     #[must_use]
     pub fn get(&self, k: usize) -> Option<f64> {
         let there = self.present.as_ref().is_none_or(|p| p.get(k).copied().unwrap_or(false));
@@ -124,47 +124,47 @@ impl Measured {
     }
 }
 
-/// Whole states, and what late quantities were.
+/// Whole states, and the past of delayed quantities.
 pub(super) type Begin = (Vec<f64>, Histories);
 
-/// What a simulation returns.
+/// The result of a simulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
-    /// Outputs as the log would show them, samples × outputs.
+    /// Outputs as logged, samples × outputs.
     pub y: DMatrix<f64>,
-    /// The plant's states at the log's time stamps, samples × states, corrected by what was measured there; empty unless asked for.
+    /// The plant's states at the log's time stamps, samples × states, corrected by the measurements there; empty unless requested.
     pub x: DMatrix<f64>,
-    /// Steps of the integration, those made again shorter included; 0 where none was needed.
+    /// Integration steps, repeated ones included; 0 where none was needed.
     pub steps: usize,
-    /// Whole states from which predictions over a horizon begin, the first one's left out; empty without a horizon.
+    /// Whole states at the starts of predictions over a horizon, without the first; empty without a horizon.
     pub(super) begins: Vec<Begin>,
 }
 
 impl Run {
-    /// One of so many samples and outputs, and of so many samples and states, to be filled in.
+    /// An empty result for these numbers of samples and outputs, and of samples and states.
     pub(super) fn of(samples: usize, outputs: usize, (rows, states): (usize, usize)) -> Self {
         let (y, x) = (DMatrix::zeros(samples, outputs), DMatrix::zeros(rows, states));
         Self { y, x, steps: 0, begins: Vec::new() }
     }
 }
 
-/// Outputs that are sampled at the same instants.
+/// Outputs with common sampling instants.
 struct OutputGroup {
     delay_s: f64,
     outputs: Vec<usize>,
     /// The next sample.
     next: usize,
-    /// When it is taken, on the commands' clock; infinite after the last.
+    /// Its time on the commands' clock; infinite after the last.
     due_s: f64,
 }
 
 impl OutputGroup {
-    /// Takes note of when the next sample is taken.
+    /// Determines the time of the next sample.
     fn look_ahead(&mut self, plan: &Plan, time_s: &[f64]) {
         self.due_s = self.due_at(self.next, plan, time_s);
     }
 
-    /// When a sample is taken; infinite after the last.
+    /// The time of a sample; infinite after the last.
     fn due_at(&self, sample: usize, plan: &Plan, time_s: &[f64]) -> f64 {
         match (time_s.get(sample), self.outputs.is_empty()) {
             (None, _) => f64::INFINITY,
@@ -173,7 +173,7 @@ impl OutputGroup {
         }
     }
 
-    /// Reads sample `k`, and moves the plant's state as its guide says.
+    /// Reads sample `k`, and moves the plant's state according to its guide.
     fn sample(
         &self,
         k: usize,
@@ -234,32 +234,32 @@ fn groups(plan: &Plan, states: bool, time_s: &[f64]) -> Vec<OutputGroup> {
     groups
 }
 
-/// A walk on its way through the log's time.
+/// The state of a simulation in the log's time.
 struct Course<'a> {
     signals: &'a [Piecewise],
     plan: &'a Plan,
     time_s: &'a [f64],
-    /// The stamps at which samples are wanted.
+    /// The stamps of the requested samples.
     stamps: &'a [f64],
     guide: Guide<'a>,
     begins: Option<Begins>,
     groups: Vec<OutputGroup>,
     /// The next piece of every signal.
     edges: Vec<usize>,
-    /// When the plan's numbers change, in order, and how many did.
+    /// The times of parameter changes, in order, and their number so far.
     switches_s: Vec<f64>,
     switched: usize,
-    /// Edges and samples this close fall together: the edge comes first.
+    /// Edges and samples within this distance coincide: the edge comes first.
     together: f64,
     now: f64,
     drive: Drive,
     run: Run,
     y: Vec<f64>,
-    /// Where the far side of each output's play is.
+    /// The position of the far side of each output's play.
     positions: Vec<f64>,
 }
 
-/// Walks a system through the log's time, as far as samples are wanted. `time_s` counts from the log's first sample.
+/// Simulates a system through the log's time, up to the last requested sample. `time_s` starts at the log's first sample.
 pub(super) fn walk(
     system: &mut impl Stepper,
     signals: &[Piecewise],
@@ -280,7 +280,7 @@ pub(super) fn walk(
         } else {
             sample
         };
-        // Samples that a clock or a delay puts before the start see the start.
+        // Samples that a clock or a delay moves before the start read the initial state.
         let to = to.max(course.now);
         if course.groups.first().is_some_and(|group| group.next % TOLD == 0) {
             plan.far.at(course.now / end.max(f64::MIN_POSITIVE), &"simulating");
@@ -339,14 +339,14 @@ impl<'a> Course<'a> {
         }
     }
 
-    /// When something is sampled next, or a prediction begins; `None`: never.
+    /// The time of the next sample or start of a prediction; `None`: never.
     fn next_sample(&self) -> Option<f64> {
         let due = self.groups.iter().map(|group| group.due_s);
         let next = due.chain(self.begins.iter().map(|b| b.due_s)).fold(f64::INFINITY, f64::min);
         (next != f64::INFINITY).then_some(next)
     }
 
-    /// When a signal or a number changes next.
+    /// The time of the next change of a signal or a parameter.
     fn next_edge(&self) -> f64 {
         let switch = self.switches_s.get(self.switched).copied().unwrap_or(f64::INFINITY);
         let pieces = self.signals.iter().zip(&self.edges);
@@ -378,7 +378,7 @@ impl<'a> Course<'a> {
                 let before_start = group.due_s < -self.together;
                 group.next += 1;
                 group.look_ahead(self.plan, self.stamps);
-                // A sample from before the start tells nothing of the state now.
+                // A sample from before the start is uninformative on the present state.
                 let guide = if before_start { Guide::Free } else { self.guide };
                 let begun = self.begins.as_ref().map_or(0, |b| b.sample);
                 group.sample(
@@ -416,7 +416,7 @@ impl<'a> Course<'a> {
     }
 }
 
-/// Samples from one word on how far a simulation is to the next.
+/// Samples between two progress reports.
 const TOLD: usize = 1024;
 
 /// A signal without pieces.

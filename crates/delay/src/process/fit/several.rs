@@ -1,4 +1,4 @@
-//! Several inputs: each fitted to what the others leave, then all with common poles.
+//! Several inputs: each fitted to the residual of the others, then all with common poles.
 
 use crate::posterior;
 use crate::process::chain::Shape;
@@ -7,27 +7,27 @@ use crate::process::fit::{
 };
 use deadtime_identify::dot;
 
-/// An input's own model, to be driven by any record of that input.
+/// An input's own model, for any record of that input.
 pub(in crate::process) struct Own {
     shape: Shape,
     found: Found,
     coefficients: Vec<f64>,
-    /// The share of the output's power that the input makes.
+    /// The share of the output's power caused by the input.
     pub(in crate::process) share: f64,
 }
 
 impl Own {
-    /// What the input does, from rest.
+    /// The response to the input, from rest.
     pub(in crate::process) fn answer(&self, u: &[f64]) -> Vec<f64> {
         answer(self.shape, &self.found.theta, self.found.place, &self.coefficients, u)
     }
 }
 
-/// Turns in which each input is fitted to what the others leave.
+/// Largest number of passes in which each input is fitted to the residual of the others.
 const TURNS_OF_INPUTS: usize = 40;
-/// After these turns only what was found is descended from.
+/// After these passes a descent starts only at the previous fit.
 const SEARCHED: usize = 4;
-/// Turns end when one takes less than this share off the remaining cost.
+/// The passes end when one lowers the remaining cost by less than this share.
 const SETTLED: f64 = 1e-6;
 
 impl<'a> Problem<'a> {
@@ -36,7 +36,7 @@ impl<'a> Problem<'a> {
         self.records.first().map_or(0, |w| w.others.len())
     }
 
-    /// The output less what every input but this one does.
+    /// The output minus the responses to every input but this one.
     fn output_of(&self, input: usize, parts: &[Option<Part>]) -> Vec<f64> {
         let mut y: Vec<f64> = self.records.iter().flat_map(|w| w.y.iter().copied()).collect();
         for (_, part) in parts.iter().enumerate().filter(|(i, _)| *i != input) {
@@ -47,7 +47,7 @@ impl<'a> Problem<'a> {
         y
     }
 
-    /// One input alone, and an output in the place of the measured one.
+    /// One input alone, with `y` as the output.
     fn single(&self, input: usize, y: &[f64]) -> Problem<'a> {
         let mut from = 0;
         let work = |w: &Work<'a>| {
@@ -72,7 +72,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// What an input does to an output; from what was found before, where there is such a thing.
+    /// The response of an output to an input, starting at the previous fit where one exists.
     fn part(&self, input: usize, y: &[f64], from: Option<&Found>) -> Option<Part> {
         let problem = self.single(input, y);
         let found = match from {
@@ -83,7 +83,7 @@ impl<'a> Problem<'a> {
         Some(Part { found, model })
     }
 
-    /// Gains of all parts together: where inputs move alike, turns alone settle slowly.
+    /// Gains of all parts together: with correlated inputs, separate passes converge slowly.
     fn weigh(&self, parts: &mut [Option<Part>]) {
         let columns: Vec<Vec<f64>> = parts.iter().flatten().map(|p| p.model.clone()).collect();
         let y = self.output_of(parts.len(), &[]);
@@ -95,9 +95,9 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// What each input does, each fitted to what the others leave, in turn until little changes.
+    /// The response to each input, each fitted to the residual of the others, until convergence.
     ///
-    /// Source: Breiman and Friedman (1985), J. Am. Stat. Assoc. 80(391), 580-598, doi:10.1080/01621459.1985.10478157, for the turns (backfitting).
+    /// Source: Breiman and Friedman (1985), J. Am. Stat. Assoc. 80(391), 580-598, doi:10.1080/01621459.1985.10478157, for the passes (backfitting).
     pub(super) fn one_after_the_other(&self) -> Vec<Part> {
         let inputs = 1 + self.others();
         let mut parts: Vec<Option<Part>> = vec![None; inputs];
@@ -105,7 +105,7 @@ impl<'a> Problem<'a> {
         for turn in 0..TURNS_OF_INPUTS {
             for input in 0..inputs {
                 let y = self.output_of(input, &parts);
-                // By then the valleys are known.
+                // The local minima are known by then.
                 let from = parts
                     .get(input)
                     .and_then(Option::as_ref)
@@ -126,7 +126,7 @@ impl<'a> Problem<'a> {
         parts.into_iter().collect::<Option<Vec<Part>>>().unwrap_or_default()
     }
 
-    /// Σ e² without the first input: the others fitted again to all of the output.
+    /// Σ e² without the first input: the others are refitted to the whole output.
     pub(super) fn of_others(&self) -> f64 {
         let mut parts: Vec<Option<Part>> = self.parts.iter().cloned().map(Some).collect();
         if parts.is_empty() {
@@ -143,14 +143,14 @@ impl<'a> Problem<'a> {
         dot(&left, &left)
     }
 
-    /// Σ e² of the models with poles of their own; `None` of one input.
+    /// Σ e² of the models with poles of their own; `None` for one input.
     pub(in crate::process) fn apart(&self) -> Option<f64> {
         let parts: Vec<Option<Part>> = self.parts.iter().cloned().map(Some).collect();
         let left = self.output_of(parts.len(), &parts);
         (!parts.is_empty()).then(|| dot(&left, &left))
     }
 
-    /// The own model of every input, where taking it away costs more than chance explains.
+    /// The own model of every input whose removal raises the cost significantly.
     pub(in crate::process) fn acting(&self) -> Vec<Option<Own>> {
         let parts: Vec<Option<Part>> = self.parts.iter().cloned().map(Some).collect();
         let left = self.output_of(parts.len(), &parts);
@@ -182,13 +182,13 @@ impl<'a> Problem<'a> {
         self.parts.iter().enumerate().map(own).collect()
     }
 
-    /// The first input alone, what the others do through poles of their own taken off the output.
+    /// The first input alone; the responses to the others through their own poles are subtracted from the output.
     pub(in crate::process) fn behind_others(&self) -> Problem<'a> {
         let parts: Vec<Option<Part>> = self.parts.iter().cloned().map(Some).collect();
         self.single(0, &self.output_of(0, &parts))
     }
 
-    /// Minima of several inputs with common poles, best first: from the poles and delays that each input has for itself.
+    /// Minima of several inputs with common poles, best first; the starts are the poles and delays of each input alone.
     pub(super) fn joint_minima(&self) -> Vec<Found> {
         let Some((first, others)) = self.parts.split_first() else { return Vec::new() };
         let valleys = self.behind_others().minima(None);
@@ -205,7 +205,7 @@ impl<'a> Problem<'a> {
         minima
     }
 
-    /// Of these, those that the first input adds to the others.
+    /// Parameters that the first input adds to the others.
     pub(in crate::process) fn added(&self) -> usize {
         if self.parts.is_empty() {
             self.parameters() - 1
@@ -214,7 +214,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Those that poles for each input would add.
+    /// Parameters that separate poles for each input would add.
     pub(in crate::process) fn apart_adds(&self) -> usize {
         self.shape.denominator() * self.others()
     }

@@ -1,4 +1,4 @@
-//! Following: the sums that compare every delay with the current one, and the filter that gives the band.
+//! Following: sums that compare every delay with the current one, and the filter behind the band.
 
 use nalgebra::DMatrix;
 
@@ -12,25 +12,25 @@ use crate::track::smooth::step;
 const SOLVE_EVERY: usize = 50;
 /// Samples over which the least errors are averaged.
 const NEAR: f64 = 20.0;
-/// The most by which the gain of a growing noise may grow at once: an outlier is no change.
+/// Largest increment of the gain of a growing noise: an outlier is no change.
 const OUTLIER: f64 = 9.0;
-/// How many times the noise's variance is suspected to have grown, and what that must gain.
+/// Tested growth factor of the noise's variance, and its required gain.
 const GROWN: f64 = 4.0;
 const GROWN_GAIN: f64 = 40.0;
-/// Probabilities of a step to a neighbour and of a jump, by sample, of the filter that gives the band.
+/// Probabilities of a step to a neighbour and of a jump, by sample, in the filter behind the band.
 const STEP: f64 = 1e-4;
 const JUMP: f64 = 1e-5;
-/// Half of what a row may leave at the new delay, squared and over the noise's variance: a half on average, where the delay is the whole truth.
+/// Limit of half a row's squared error at the new delay, over the noise's variance. The mean is 0.5 for the true delay.
 const EXPLAINED: f64 = 1.25;
-/// By how much the new delay must be better than any other, in units of the logarithm of the likelihood; and the samples after which it is reported without that margin.
+/// Required log-likelihood margin of the new delay over any other, and the samples after which it is reported without that margin.
 const CLEAR: f64 = 3.0;
 const LONGEST_WAIT: usize = 20;
-/// Rows that are compared once more before a change is reported.
+/// Rows that are compared again before a change is reported.
 const AGAIN: usize = 200;
-/// Factor on the covariance of the fitted shape in that second comparison: a model of few coefficients is wrong by more than its noise where the input is new. From draws
-/// 101 to 110 of the study, none of those in its tables: 10 leaves twice as many false alarms under chirps, 100 loses 10 % of the jumps of 2 samples under a prbs.
+/// Factor on the covariance of the fitted shape in that second comparison: a low-order model's error exceeds its noise for a new input. Tuned on draws 101 to
+/// 110 of the study, which are not in its tables. 10 gives twice as many false alarms under chirps. 100 loses 10 % of the jumps of 2 samples under a prbs.
 const UNSURE: f64 = 30.0;
-/// The part of an alarm's level that is left to gain once the shape is unsure; from the same draws.
+/// The share of an alarm's level that the second comparison must gain; tuned on the same draws.
 const CERTAIN: f64 = 0.5;
 
 /// An alarm in samples.
@@ -40,41 +40,41 @@ pub(super) enum Event {
     Response(u64),
 }
 
-/// The fitted shape, and the sums that watch it.
+/// The fitted shape, and the sums that compare it with alternatives.
 #[derive(Debug, Clone)]
 pub(super) struct Following {
     shape: ResponseShape,
     /// Variance of the errors at the current delay.
     variance: f64,
-    /// Mean square of the least errors of late.
+    /// Mean square of the recent least errors.
     near: f64,
     /// Current delay: the lag of the first coefficient.
     delay: usize,
-    /// Coefficients before the first that acts.
+    /// Coefficients before the first significant one.
     pub(super) ahead: f64,
     /// Σ bⱼ·u(t−j), the newest first.
     drive: Past<f64>,
-    /// Gain of each delay over the current one, and the samples since it began to grow.
+    /// Gain of each delay over the current one, and the samples since its growth began.
     gains: Vec<(f64, u64)>,
-    /// The same of noise that has grown.
+    /// The same for grown noise.
     grown: (f64, u64),
     chances: Vec<f64>,
     next: Vec<f64>,
     errors: Vec<f64>,
-    /// Of the shape at the current delay.
+    /// The Gram matrix of the shape at the current delay.
     gram: DMatrix<f64>,
-    /// The inverse of the normal equations' matrix: how far a row lies from all that the shape was fitted to.
+    /// The inverse of the normal equations' matrix: it measures the distance of a row from the fitted data.
     inverse: DMatrix<f64>,
     row: Vec<f64>,
     other: Vec<f64>,
     until_solved: usize,
-    /// Samples for which another delay has been better by the level of an alarm.
+    /// Samples for which another delay has exceeded the level of an alarm.
     waited: usize,
-    /// Commands and responses of late, for a second look.
+    /// Recent commands and responses, for the second comparison.
     recent: (Past<f64>, Past<Option<f64>>),
 }
 
-/// What the first fit gives besides the shape.
+/// Further results of the first fit.
 pub(super) struct FollowingStart {
     pub(super) variance: f64,
     pub(super) delay: usize,
@@ -84,7 +84,7 @@ pub(super) struct FollowingStart {
 }
 
 impl Following {
-    /// The result of the first fit, and sums at rest.
+    /// The result of the first fit, with all sums at zero.
     pub(super) fn new(
         options: &TrackerOptions,
         shape: ResponseShape,
@@ -118,14 +118,14 @@ impl Following {
         following
     }
 
-    /// The drive of the whole window, with the shape as it is now.
+    /// The drive of the whole window with the current shape.
     fn refill(&mut self, u: &Past<f64>) {
         for back in (0..self.drive.length()).rev() {
             self.drive.push(self.shape.b.iter().enumerate().map(|(j, b)| b * u.at(back + j)).sum());
         }
     }
 
-    /// Mean and 95 % of the filter; half a sample on either side, as delays between whole ones are none of its states.
+    /// Mean and 95 % of the filter, plus half a sample on either side for fractional delays.
     pub(super) fn band(&self) -> [f64; 3] {
         let mean = self.chances.iter().enumerate().map(|(d, p)| p * d as f64).sum();
         let end = |share: f64| {
@@ -139,7 +139,7 @@ impl Following {
         [mean, end(0.025) - 0.5, end(0.975) + 0.5]
     }
 
-    /// One sample more.
+    /// Processes one sample.
     pub(super) fn step(
         &mut self,
         options: &TrackerOptions,
@@ -167,7 +167,7 @@ impl Following {
             least = least.min(*e);
         }
         self.near += (least - self.near) / NEAR;
-        // A row unlike those of the fit, such as a new frequency, is predicted badly at any delay.
+        // A row unlike those of the fit, such as a new frequency, has large errors at any delay.
         let nearest = self.errors.iter().position(|e| *e <= least).unwrap_or(self.delay);
         fill(&mut self.other, u, y, now, options.na, nearest..nearest + options.nb);
         let new =
@@ -181,14 +181,14 @@ impl Following {
         if self.grown.0 > GROWN_GAIN {
             return Some(Event::Response(self.grown.1));
         }
-        // What is suspected to be another delay teaches nothing about this one.
+        // Rows suspected of another delay do not update the shape.
         if best.0 < 0.5 * options.alarm {
             self.learn(options, u, self.errors[self.delay]);
         }
         None
     }
 
-    /// The filter's step: every delay's chance by what it leaves of this sample.
+    /// The filter's update: the probability of every delay from its error at this sample.
     fn reweigh(&mut self, half: f64, least: f64) {
         let mut total = 0.0;
         for (p, e) in self.chances.iter_mut().zip(&self.errors) {
@@ -199,7 +199,7 @@ impl Following {
         self.chances.iter_mut().for_each(|p| *p *= scale);
     }
 
-    /// The sums against the current delay, one for each other delay, and the one against noise that has grown; the largest sum and its delay.
+    /// The sums against the current delay, one for each other delay and one for grown noise; returns the largest sum and its delay.
     fn accumulate_gains(&mut self, half: f64, new: f64, least: f64, count: u64) -> (f64, usize) {
         let current = self.errors[self.delay];
         let mut best = (0.0, 0);
@@ -220,10 +220,11 @@ impl Following {
         best
     }
 
-    /// A change of the delay, once the rows behind an alarm say to which.
+    /// A change of the delay, once the rows behind an alarm determine the new one.
     ///
-    /// The sums take the shape as known. Where the input moves as never before, the errors of the fitted shape are alike in row after row, and the sums attribute them to
-    /// another delay. So all delays are compared once more, each with the shape integrated out. The likeliest is then reported, if it gains enough over the current one.
+    /// The sums treat the shape as known. Under a new kind of input motion, the fitted shape has similar errors in successive rows, which the sums attribute to
+    /// another delay. A second comparison of all delays therefore integrates out the shape. The likeliest delay is then reported, if its gain over the current
+    /// one suffices.
     fn moved(&mut self, options: &TrackerOptions, best: (f64, usize), count: u64) -> Option<Event> {
         if best.0 <= options.alarm {
             self.waited = 0;
@@ -234,7 +235,7 @@ impl Following {
             return None;
         }
         let since = self.gains[best.1].1;
-        // Around the change some coefficients act at one delay and some at the other: its first rows say nothing.
+        // Around the change, coefficients act at either delay: its first rows are uninformative.
         let rows = usize::try_from(count - since).unwrap_or(AGAIN) + 1;
         let rows = rows.saturating_sub(options.nb).clamp(self.waited - options.nb, AGAIN);
         let waits = self.waited <= options.nb + LONGEST_WAIT;
@@ -260,7 +261,7 @@ impl Following {
         let from = self.delay;
         self.waited = 0;
         self.gains.iter_mut().for_each(|g| *g = (0.0, count));
-        // A delay that leaves much more than noise is none: the plant moves as never during the fit.
+        // A delay with a residual far above the noise is rejected: the plant then moves unlike during the fit.
         let left = seen[to]
             .as_ref()
             .map_or(f64::INFINITY, |e| 0.5 * e.left / (self.variance * e.rows.max(1.0)));
@@ -271,7 +272,8 @@ impl Following {
         Some(Event::Delay { from: from as f64 + self.ahead, to: to as f64 + self.ahead, since })
     }
 
-    /// The residual of a delay over the last rows with the shape integrated out: normal about the fitted shape, with a multiple of the covariance of the fit.
+    /// The residual of a delay over the last rows with the shape integrated out. The prior of the shape is normal about the fitted one, with a multiple of the
+    /// fit's covariance.
     fn evidence(&self, options: &TrackerOptions, delay: usize, rows: usize) -> Option<Left> {
         let theta: Vec<f64> =
             self.shape.a.iter().chain(&self.shape.b).copied().chain([self.shape.level]).collect();

@@ -1,4 +1,4 @@
-//! Learning: the best delay and its shape out of one Gram matrix of all lags.
+//! Learning: the best delay and its shape from one Gram matrix of all lags.
 
 use nalgebra::DMatrix;
 
@@ -8,7 +8,7 @@ use super::past::Past;
 use super::rows::{accumulate, fill, inverse};
 use crate::track::rows::{ResponseShape, solve};
 
-/// A coefficient that stands out by so many standard deviations acts.
+/// Standard deviations from which a coefficient is significant.
 const ACTS: f64 = 4.0;
 
 /// The running Gram matrix of [past outputs, inputs at every lag, 1, output].
@@ -20,13 +20,13 @@ pub(super) struct Learning {
 }
 
 impl Learning {
-    /// Nothing seen.
+    /// A learner without data.
     pub(super) fn new(options: &TrackerOptions) -> Self {
         let size = options.na + options.max_delay + options.nb + 2;
         Self { gram: DMatrix::zeros(size, size), row: vec![0.0; size], rows: 0 }
     }
 
-    /// One more row, where nothing in it is missing.
+    /// Adds one row, unless a sample in it is missing.
     pub(super) fn add(
         &mut self,
         options: &TrackerOptions,
@@ -40,7 +40,7 @@ impl Learning {
         }
     }
 
-    /// The best delay and its shape, where the input explains enough of the output to tell.
+    /// The best delay and its shape, where the input explains a sufficient share of the output.
     pub(super) fn fitted(&self, options: &TrackerOptions, u: &Past<f64>) -> Option<Following> {
         let TrackerOptions { na, nb, max_delay, .. } = *options;
         let last = self.gram.nrows() - 1;
@@ -78,7 +78,7 @@ impl Learning {
     }
 }
 
-/// How many coefficients come before the first that stands out of its noise.
+/// The number of coefficients before the first significant one.
 fn first_acting(
     inverse: &DMatrix<f64>,
     theta: &[f64],

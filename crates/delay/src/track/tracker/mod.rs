@@ -1,4 +1,4 @@
-//! The delay of a machine that runs: sample by sample, in bounded memory.
+//! The delay of a running machine: sample by sample, in bounded memory.
 
 mod following;
 mod learning;

@@ -7,26 +7,26 @@ use super::past::Past;
 use crate::error::DelayError;
 use deadtime_signal::time::SampleTime;
 
-/// Why a tracker raises its voice.
+/// The reason of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Alarm {
-    /// The delay is another one, and has been for some time.
+    /// The delay changed some samples ago.
     DelayChanged {
         /// The dead time before, s.
         from_s: f64,
         /// The dead time now, s.
         to_s: f64,
-        /// Since when, s from the first sample.
+        /// Start of the change, s from the first sample.
         since_s: f64,
     },
-    /// No delay explains the output any more: the plant or its noise is another one. The response is identified again.
+    /// No delay explains the output any more: the plant or its noise changed. The response is identified again.
     ResponseChanged {
-        /// Since when, s from the first sample.
+        /// Start of the change, s from the first sample.
         since_s: f64,
     },
 }
 
-/// What is known after a sample.
+/// The state after a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tracking {
     /// The sample's time, s from the first.
@@ -35,22 +35,23 @@ pub struct Tracking {
     pub delay_s: Option<f64>,
     /// Its 95 % band, s: wide where the input does not move.
     pub band_s: Option<[f64; 2]>,
-    /// What happened at this sample.
+    /// The event at this sample.
     pub alarm: Option<Alarm>,
 }
 
-/// Follows the dead time between a command and a response, sample by sample.
+/// Tracks the dead time between a command and a response, sample by sample.
 ///
-/// First the response is identified: the regression y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d−j) + c for every delay d out of one running Gram matrix. Then each sample costs, for
-/// each delay, one error, a step of a filter over delays (the band), and one sum that compares the delay with the current one (Page's CUSUM of the log-likelihood
-/// ratio). The shape a, b, c is solved anew from a Gram matrix with exponential forgetting. Behind an alarm all delays are compared once more over the last rows with the
-/// shape integrated out: where the input is new, the fitted shape is wrong in all rows alike. Memory is bounded by the options, whatever the number of samples.
+/// The response is identified first. The regression y(t) = Σ aᵢ·y(t−i) + Σ bⱼ·u(t−d−j) + c for every delay d uses one running Gram matrix. Then each sample
+/// costs, for each delay, one error, a step of a filter over delays (the band), and one sum. The sum compares the delay with the current one (Page's CUSUM of
+/// the log-likelihood ratio). The shape a, b, c is solved anew from a Gram matrix with exponential forgetting. After an alarm, all delays are compared again
+/// over the last rows with the shape integrated out. A new input makes the fitted shape equally wrong in all rows. The options bound the memory, for any number
+/// of samples.
 ///
-/// Wrong when: the delay changes while the response is identified (the first delay reported then lies between, and no change is reported); the input repeats within the
-/// window; the plant changes in a way that another delay explains better than none does. No event is reported while the input rests: the band widens.
+/// Wrong when: the delay changes during identification: the first reported delay lies between, without a reported change. An input that repeats within the
+/// window has aliases. A plant change may resemble another delay more than no change. While the input rests, no event is reported and the band widens.
 ///
-/// Source: E. S. Page (1954), "Continuous inspection schemes", Biometrika 41, 100-115, doi:10.1093/biomet/41.1-2.100; Basseville and Nikiforov (1993), "Detection of
-/// Abrupt Changes", section 2.2; L. Ljung (1999), "System Identification", 2nd ed., section 11.2 (forgetting).
+/// Source: E. S. Page (1954), "Continuous inspection schemes", Biometrika 41, 100-115, doi:10.1093/biomet/41.1-2.100. Basseville and Nikiforov (1993),
+/// "Detection of Abrupt Changes", section 2.2. L. Ljung (1999), "System Identification", 2nd ed., section 11.2 (forgetting).
 ///
 /// # Example
 /// ```
@@ -75,7 +76,7 @@ pub struct Tracking {
 pub struct Tracker {
     options: TrackerOptions,
     sample_time: SampleTime,
-    /// Samples seen.
+    /// Number of samples so far.
     count: u64,
     /// u(t), u(t−1), … and y(t−1), y(t−2), …; `None` where it was not measured.
     u: Past<f64>,
@@ -89,11 +90,11 @@ pub(super) enum Stage {
     Following(Box<Following>),
 }
 
-/// Samples between two trials to end learning.
+/// Samples between two attempts to end learning.
 pub(super) const TRY_EVERY: usize = 50;
 
 impl Tracker {
-    /// A tracker that has seen nothing.
+    /// A tracker without data.
     ///
     /// # Errors
     /// [`DelayError::Option`] for an option out of its range.
@@ -136,10 +137,10 @@ impl Tracker {
         Ok(Self { options, sample_time, count: 0, u, y, stage })
     }
 
-    /// Takes the command given at this sample and the response measured at it; `None` where it was not measured.
+    /// Takes the command given at this sample and the response measured at it; `None` where missing.
     ///
     /// # Errors
-    /// [`DelayError::NotFinite`] for a value that is no finite number; the sample is then left out.
+    /// [`DelayError::NotFinite`] for a value that is not finite; the sample is then left out.
     pub fn push(&mut self, u: f64, y: Option<f64>) -> Result<Tracking, DelayError> {
         let bad = |role, value| DelayError::NotFinite {
             role,
@@ -166,7 +167,7 @@ impl Tracker {
                     next = learning
                         .fitted(&self.options, &self.u)
                         .map(|f| Stage::Following(Box::new(f)));
-                    // Counted once: without another row there is nothing new to try.
+                    // Counted once: without another row, no new attempt is made.
                     learning.rows += usize::from(next.is_none());
                 }
             }

@@ -1,21 +1,21 @@
-//! How a tracker watches.
+//! The options of a tracker.
 
-/// How a running machine is watched; all in samples.
+/// The options of the tracker of a running machine; all in samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackerOptions {
     /// Longest raw delay; default 35.
     pub max_delay: usize,
-    /// Samples that the plant needs to respond without any dead time; default 1.
+    /// Samples after which the plant responds without any dead time; default 1.
     pub bias: usize,
     /// Past outputs of the model; default 6.
     pub na: usize,
     /// Input coefficients of the model; default 4.
     pub nb: usize,
-    /// Samples from which the response is identified before anything is reported; default 600. It takes longer where the input does not move.
+    /// Samples from which the response is identified before anything is reported; default 600. A resting input prolongs it.
     pub learn: usize,
-    /// Samples after which a row's weight falls to 1/e: a plant that changes slowly is followed; default 4000.
+    /// Samples after which a row's weight falls to 1/e, so that the tracker follows slow plant changes; default 4000.
     pub forget: usize,
-    /// What a change of the delay must gain before it is reported, in units of the logarithm of the likelihood; default 20. A lower value reports sooner and is wrong more often.
+    /// The gain in log-likelihood from which a change of the delay is reported; default 20. A lower value reports sooner and has more false alarms.
     pub alarm: f64,
 }
 

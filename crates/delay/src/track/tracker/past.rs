@@ -9,24 +9,24 @@ pub(super) struct Past<T> {
 }
 
 impl<T: Copy> Past<T> {
-    /// Room for so many.
+    /// A buffer of this length, filled with `of`.
     pub(super) fn new(length: usize, of: T) -> Self {
         Self { ring: vec![of; length.max(1)], newest: 0, seen: 0 }
     }
 
-    /// The oldest goes.
+    /// Adds a sample and drops the oldest.
     pub(super) fn push(&mut self, value: T) {
         self.newest = (self.newest + self.ring.len() - 1) % self.ring.len();
         self.ring[self.newest] = value;
         self.seen = (self.seen + 1).min(self.ring.len());
     }
 
-    /// The sample so far back.
+    /// The sample `back` steps ago.
     pub(super) fn at(&self, back: usize) -> T {
         self.ring[(self.newest + back) % self.ring.len()]
     }
 
-    /// As many as there is room for have come.
+    /// The buffer has received its full number of samples.
     pub(super) fn is_full(&self) -> bool {
         self.seen == self.ring.len()
     }

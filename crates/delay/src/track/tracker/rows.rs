@@ -1,10 +1,10 @@
-//! Rows of the regression as they come, and their running Gram matrix.
+//! Regression rows of a stream, and their running Gram matrix.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::past::Past;
 
-/// Fills `row` with past outputs, the inputs at the lags, 1 and the output; false where an output is missing.
+/// Fills `row` with past outputs, the inputs at the lags, 1 and the output; `false` where an output is missing.
 pub(super) fn fill(
     row: &mut [f64],
     u: &Past<f64>,
@@ -16,7 +16,7 @@ pub(super) fn fill(
     fill_earlier(row, u, y, [0, 0], now, na, lags)
 }
 
-/// The same of a row so many samples back in the past of the input and in that of the output.
+/// The same for an earlier row, with the given offsets into the past of the input and of the output.
 pub(super) fn fill_earlier(
     row: &mut [f64],
     u: &Past<f64>,
@@ -49,7 +49,7 @@ pub(super) fn accumulate(gram: &mut DMatrix<f64>, row: &[f64], forget: f64) {
     }
 }
 
-/// The inverse of the normal equations' matrix, a trace of each diagonal added.
+/// The inverse of the normal equations' matrix, with a relative ridge on the diagonal.
 pub(super) fn inverse(gram: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let size = gram.nrows() - 1;
     let mut normal = gram.view((0, 0), (size, size)).into_owned();
@@ -68,7 +68,7 @@ pub(super) fn leverage(p: &DMatrix<f64>, x: &[f64]) -> f64 {
         .max(0.0)
 }
 
-/// Errors of a regression whose coefficients are only known to be normally distributed about those that they were taken with.
+/// Errors of a regression whose coefficients are normally distributed about their nominal values.
 pub(super) struct Unsure {
     /// The information of the fit, and XᵀX of the rows.
     information: DMatrix<f64>,
@@ -78,7 +78,7 @@ pub(super) struct Unsure {
     rows: f64,
 }
 
-/// The residual of the rows: eᵀ(I + XPXᵀ)⁻¹e, ln det(I + XPXᵀ) but for a constant, and their number.
+/// The residual of the rows: eᵀ(I + XPXᵀ)⁻¹e, ln det(I + XPXᵀ) up to a constant, and their number.
 pub(super) struct Left {
     pub(super) left: f64,
     pub(super) log_volume: f64,
@@ -86,7 +86,7 @@ pub(super) struct Left {
 }
 
 impl Unsure {
-    /// From the running Gram matrix of the fit, the covariance of its coefficients so many times as large.
+    /// From the running Gram matrix of the fit, with the covariance of its coefficients multiplied by `times`.
     pub(super) fn new(gram: &DMatrix<f64>, times: f64) -> Self {
         let size = gram.nrows() - 1;
         let mut information = gram.view((0, 0), (size, size)).into_owned() / times;
@@ -106,7 +106,7 @@ impl Unsure {
         self.rows += 1.0;
     }
 
-    /// `None` where rounding leaves no answer.
+    /// `None` where rounding prevents a result.
     pub(super) fn evidence(self) -> Option<Left> {
         let factor = self.information.cholesky()?;
         let left = self.squares - self.common.dot(&factor.solve(&self.common));

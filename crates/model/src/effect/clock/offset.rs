@@ -1,4 +1,4 @@
-//! The sensors' clock is set differently: it reads t + offset. Positive: outputs seem late.
+//! The sensors' clock has an offset: it reads t + offset. Positive: outputs appear late.
 
 use crate::effect::channel;
 use crate::effect::definition::{ALL, Effect, Facts, OnChannel, Site};
@@ -7,11 +7,11 @@ use crate::effect::parameter::{Parameter, Role};
 use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
-/// The sensors' clock is set differently.
+/// The sensors' clock has an offset.
 ///
 /// Assumes: both clocks run at one rate; the offset is the same in all logs.
-/// Fails when: only commands move the plant: a delay of the input, or of all outputs, does the same. Motion of another origin, such as a release from a
-/// displaced start, tells them apart.
+/// Fails when: only commands move the plant: a delay of the input, or of all outputs, has the same effect. Motion of another origin, such as a release from a
+/// displaced start, distinguishes them.
 /// Source: Mills, Martin, Burbank and Kasch (2010), RFC 5905 (Network Time Protocol version 4: offset and frequency of a clock).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ClockOffset;

@@ -7,14 +7,14 @@ use crate::effect::parameter::Parameter;
 use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
-/// How many rates are looked at on either side, and the furthest of them: clocks that differ by more are no clocks.
+/// Number of tested rates on either side; the furthest bounds the search.
 const SCANNED: u32 = 40;
 const FURTHEST: f64 = 0.15;
 
 /// The sensors' clock runs at another rate.
 ///
 /// Assumes: both clocks run evenly.
-/// Fails when: the log is short: over it the clocks part by less than a sample, and a constant delay explains as much.
+/// Fails when: the log is short: the clocks then diverge by less than a sample, and a constant delay explains as much.
 /// Source: Mills, Martin, Burbank and Kasch (2010), RFC 5905 (Network Time Protocol version 4: offset and frequency of a clock).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ClockSkew;
@@ -44,7 +44,7 @@ impl Effect for ClockSkew {
     }
 
     fn scan(&self, scales: &Scales) -> Vec<Vec<f64>> {
-        // A guess leads to the minimum from where the shift at the end of the log is off by less than the motion's own time.
+        // An initial value leads to the minimum if its shift at the end of the log is off by less than the motion's own time.
         let step = scales.timescale_s / scales.duration_s.max(f64::MIN_POSITIVE);
         let ratios = (1..=SCANNED)
             .map(|n| f64::from(n) * step)

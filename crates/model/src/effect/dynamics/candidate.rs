@@ -1,6 +1,6 @@
-//! A term that the user suspects to be missing, as it stands in the model file or on the command line.
+//! A term that the user suspects to be missing, from the model file or the command line.
 //!
-//! Equation: x′ = f(x, u; p) + g(x, u, t; k), with g as the user wrote it and k its free parameters; g = 0 at k = 0.
+//! Equation: x′ = f(x, u; p) + g(x, u, t; k). The user's expression g has the free parameters k; g = 0 at k = 0.
 
 use std::sync::Arc;
 
@@ -14,13 +14,13 @@ use crate::file::candidate::{Candidate as Suspected, Candidates};
 use crate::simulate::plan::Plan;
 use crate::simulate::system::{Dynamics, System};
 
-/// How large a first guess of a term is, of the rms of the derivative that it is added to.
+/// Size of a term's initial value, relative to the rms of its state's derivative.
 const FIRST_GUESS: f64 = 0.2;
 
-/// x′ gains the expression that the user wrote for the state x.
+/// The derivative x′ has an additional expression, written by the user for the state x.
 ///
-/// Assumes: its free parameters are numbers, and the term is nothing where they are 0.
-/// Fails when: another term of the catalogue moves the outputs in the same way; both then stand in one class.
+/// Assumes: its free parameters are constants, and the term vanishes where they are 0.
+/// Fails when: another term of the catalogue moves the outputs in the same way; both are then in one alias class.
 /// Source: Ljung (1999), System Identification: Theory for the User, section 4.3, grey-box models.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CandidateTerm;
@@ -96,14 +96,14 @@ impl Effect for CandidateTerm {
     }
 }
 
-/// The term that a channel names, among all of them.
+/// The term that a channel names, with the list of all terms.
 fn named(on: OnChannel<'_>) -> Result<(&Candidates, &Suspected)> {
     let all = on.system.candidates.as_deref();
     let found = all.and_then(|all| Some((all, all.list.iter().find(|c| c.name == on.channel)?)));
     found.ok_or_else(|| on.unknown())
 }
 
-/// The largest size of the term for a parameter of 1, over states and inputs that are as large as in the nominal run, of either sign.
+/// The largest magnitude of the term for a parameter of 1. States and inputs have the magnitudes of the nominal run, with either sign.
 fn term_of_one(all: &Candidates, suspected: &Suspected, parameter: usize, scales: &Scales) -> f64 {
     let equations = &all.equations;
     let mut p = equations.nominal();

@@ -9,7 +9,7 @@ use crate::simulate::plan::{Plan, Term};
 
 /// A constant disturbance.
 ///
-/// Assumes: a disturbance that does not change, in all logs.
+/// Assumes: a constant disturbance, the same in all logs.
 /// Fails when: an offset of the input moves the same state. A sensor's offset differs from it only while the plant settles.
 /// Source: Åström and Murray (2008), Feedback Systems.
 #[derive(Debug, Clone, Copy)]

@@ -9,8 +9,8 @@ use crate::simulate::plan::{Plan, Term};
 
 /// Dry friction that sticks.
 ///
-/// Assumes: the state is a velocity and the level does not depend on it.
-/// Fails when: the motion is fast and seldom turns: a constant force against the direction looks like drag. A dead band of the input also swallows
+/// Assumes: the state is a velocity, and the level is independent of it.
+/// Fails when: the motion is fast and seldom changes direction: a constant force against the direction resembles drag. A dead band of the input also swallows
 /// small commands.
 /// Source: Armstrong-Hélouvry, Dupont and Canudas de Wit (1994), Automatica 30, 1083-1138, doi:10.1016/0005-1098(94)90209-7.
 #[derive(Debug, Clone, Copy)]

@@ -1,4 +1,4 @@
-//! A state or input moves a state that the model keeps apart: gain·from on the derivative of `to`.
+//! A state or input moves a state without such a coupling in the model: gain·from on the derivative of `to`.
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, OnChannel, Site};
@@ -11,7 +11,7 @@ use crate::simulate::system::System;
 /// A coupling that the model lacks.
 ///
 /// Assumes: a linear coupling of one state or input into one state.
-/// Fails when: the two states move together in the log, so that an entry of A that the model has explains as much.
+/// Fails when: the two states are correlated in the log: an existing entry of A then explains as much.
 /// Source: Ljung (1999), System Identification: Theory for the User, 2nd edition (grey-box models).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CrossCoupling;

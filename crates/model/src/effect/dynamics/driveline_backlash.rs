@@ -14,8 +14,9 @@ use crate::simulate::system::System;
 
 /// Play in a drive train: a dead zone of the twist between two positions.
 ///
-/// Assumes: the elastic torque depends on the twist alone; damping between the bodies acts inside the play too. Positions count from the middle of the play.
-/// Fails when: the load never lets go of one side: the play is then an offset. A softer link explains as much where all twists are alike.
+/// Assumes: the elastic torque depends on the twist alone; damping between the bodies acts inside the play too. Positions are relative to the middle of the
+/// play.
+/// Fails when: the load stays in contact with one side: the play is then an offset. A softer link explains as much if all twists have one size.
 /// Source: Nordin and Gutman (2002), Automatica 38, 1633-1649, doi:10.1016/S0005-1098(02)00047-X.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DrivelineBacklash;

@@ -1,6 +1,6 @@
 //! Dry friction between two bodies: a torque against the change of the twist, equal and opposite on both.
 //!
-//! Equation: the twist d = x1 − x2 becomes d + level·tanh((x1′ − x2′)/speed) wherever the equations have it. Times the stiffness of the link, `level` is a torque.
+//! Equation: the twist d = x1 − x2 becomes d + level·tanh((x1′ − x2′)/speed) throughout the equations. Times the stiffness of the link, `level` is a torque.
 
 use super::internal;
 use crate::effect::channel;
@@ -14,8 +14,10 @@ use crate::simulate::system::System;
 
 /// Dry friction in the link between two bodies: of teeth, of a belt, of a shaft in its hub.
 ///
-/// Assumes: the friction is whole from a relative speed of about `speed` on and viscous below it, so the bodies creep where they would stick. Its level is constant.
-/// Fails when: the twist changes at one size throughout: damping in the link explains as much. Friction of either body against the ground is `coulomb_friction`.
+/// Assumes: the friction has its full level above a relative speed of about `speed`. Below it is viscous, so the bodies creep instead of sticking. The level is
+/// constant.
+/// Fails when: the twist changes at one rate throughout: damping in the link explains as much. Friction of either body against the ground is
+/// `coulomb_friction`.
 /// Source: Armstrong-Hélouvry, Dupont and Canudas de Wit (1994), Automatica 30, 1083-1138, doi:10.1016/0005-1098(94)90209-7 (dry friction and its smooth forms).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DrivelineFriction;
@@ -46,7 +48,7 @@ impl Effect for DrivelineFriction {
         ])
     }
 
-    /// Levels of a part of the twist, speeds about those of the twist.
+    /// Levels at shares of the twist, speeds around those of the twist.
     fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(spread) = on.quantity_spread(scales) else { return Vec::new() };
         let rate = spread.rms / scales.timescale_s.max(scales.sample_time_s);

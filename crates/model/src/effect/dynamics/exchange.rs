@@ -1,4 +1,4 @@
-//! Two states that exchange what they store: gain·(a − b) on the derivative of b, and as much less on that of a.
+//! Two states that exchange what they store: gain·(a − b) on the derivative of b, and minus that on the derivative of a.
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, OnChannel, Site};
@@ -10,7 +10,7 @@ use crate::simulate::system::System;
 
 /// An exchange that the model lacks: of heat between bodies, of liquid between tanks.
 ///
-/// Assumes: both states have one unit and one capacity: what one loses the other gains.
+/// Assumes: both states have one unit and one capacity, and their sum is conserved.
 /// Fails when: only one of the two states moves or is measured: a leak, an entry of A, does nearly the same.
 /// Source: Godfrey (1983), Compartmental Models and Their Application.
 #[derive(Debug, Clone, Copy)]

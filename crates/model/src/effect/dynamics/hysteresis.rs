@@ -1,5 +1,5 @@
-//! A force with a memory of the way: −level·z on the derivative of the velocity x, with ż = x/displacement·(1 − |z|ⁿ) while x and z have one sign, and
-//! ż = x/displacement while they have not.
+//! A force that depends on the path: −level·z on the derivative of the velocity x. Here ż = x/displacement·(1 − |z|ⁿ) where x and z have one sign, and ż =
+//! x/displacement otherwise.
 //!
 //! This is Wen's law with β = γ in the normalised form of Ikhouane and Rodellar (2007) with σ = ½. A small displacement makes it dry friction, a large
 //! one a spring.
@@ -11,9 +11,9 @@ use crate::effect::parameter::{Parameter, Role};
 use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
 
-/// A force with a memory of the way: hysteresis.
+/// A force that depends on the path: hysteresis.
 ///
-/// Assumes: the state is a velocity; loading and unloading are alike, and nothing wears.
+/// Assumes: the state is a velocity; loading and unloading are symmetric, without wear.
 /// Fails when: the motion is much smaller than the displacement (a spring explains as much) or much larger (dry friction does).
 /// Source: Wen (1976), J. Eng. Mech. Div. 102, 249-263; Ikhouane and Rodellar (2007), Systems with Hysteresis, doi:10.1002/9780470513200.
 #[derive(Debug, Clone, Copy)]
@@ -59,13 +59,13 @@ impl Effect for Hysteresis {
         let Some((speed, force)) = scales.states.get(i).zip(scales.derivatives.get(i)) else {
             return Vec::new();
         };
-        // A sine of that speed and that acceleration goes so far.
+        // The path length of a sine with that speed and that acceleration.
         let way = (speed.std * speed.std / force).max(1e-12);
         let guesses = |share: f64| [0.1, 0.5].map(|part| vec![share * force, part * way, 2.0]);
         [0.1, 0.4].into_iter().flat_map(guesses).collect()
     }
 
-    /// A hundredth of the usual way within a sample: less changes a twentieth of what dry friction does, and takes ever more steps.
+    /// 1 % of the usual path within a sample. A shorter one changes less than 5 % of dry friction's effect and takes ever more steps.
     fn least(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<f64> {
         let speed =
             on.state().ok().and_then(|i| scales.states.get(i)).map_or(0.0, |speed| speed.rms);

@@ -11,11 +11,11 @@ use crate::simulate::plan::Plan;
 use crate::simulate::simulator::Port;
 use crate::simulate::system::{Dynamics, System};
 
-/// In which the channels are, in words.
+/// The description of these channels.
 pub(super) const RULE: &str =
     "a named expression or a term in which an input is compared with a state: `kp*(target - q)`";
 
-/// In which the links between two bodies are, in words.
+/// The description of the links between two bodies.
 pub(super) const LINKS_RULE: &str =
     "a difference of two positions in the equations: `motor - load`";
 
@@ -27,18 +27,18 @@ fn equations(system: &System) -> Option<&Equations> {
     }
 }
 
-/// What a controller inside the model gives.
+/// The outputs of controllers inside the model.
 pub(super) fn controls(system: &System) -> Vec<String> {
     equations(system).map(Equations::controls).unwrap_or_default()
 }
 
-/// What a link between two bodies is twisted by.
+/// The twists of links between two bodies.
 pub(super) fn links(system: &System) -> Vec<String> {
     equations(system).map(Equations::links).unwrap_or_default()
 }
 
 impl<'a> OnChannel<'a> {
-    /// The unit of the quantity, which the model does not state.
+    /// The unit of the quantity, which the model does not specify.
     ///
     /// # Errors
     /// [`EffectError::Channel`] where the channel is no quantity of the model.
@@ -48,7 +48,7 @@ impl<'a> OnChannel<'a> {
         open.map(|_| format!("[{}]", self.channel)).ok_or_else(|| self.unknown())
     }
 
-    /// The first position of a link, whose unit the twist has.
+    /// The first position of a link, which has the unit of the twist.
     ///
     /// # Errors
     /// [`EffectError::Channel`] where the channel is no link of the model.
@@ -58,12 +58,12 @@ impl<'a> OnChannel<'a> {
         self.system.states.iter().find(|s| s.name == first).ok_or_else(|| self.unknown())
     }
 
-    /// How far the quantity goes in the nominal motion.
+    /// The spread of the quantity in the nominal motion.
     pub(super) fn quantity_spread(self, scales: &Scales) -> Option<&Spread> {
         scales.inner.iter().find(|(name, _)| name == self.channel).map(|(_, spread)| spread)
     }
 
-    /// Puts other equations in the place of the plan's, with parameters that come after all others.
+    /// Replaces the plan's equations; the new parameters follow all others.
     ///
     /// # Errors
     /// [`EffectError::Channel`] where the channel is no quantity of the model.
@@ -83,7 +83,7 @@ impl<'a> OnChannel<'a> {
     }
 }
 
-/// First guesses of times inside a loop: per two octaves, from half a sample on. A loop that is slower than the longest would not be stable.
+/// Initial time constants inside a loop: one per two octaves, from half a sample on. A loop slower than the longest would be unstable.
 pub(super) fn times(scales: &Scales) -> Vec<Vec<f64>> {
     let longest = scales.longest_delay_s.min(10.0 * scales.timescale_s.max(scales.sample_time_s));
     let mut time_s = 0.5 * scales.sample_time_s;
@@ -95,7 +95,7 @@ pub(super) fn times(scales: &Scales) -> Vec<Vec<f64>> {
     times
 }
 
-/// The shortest time that is looked for, of a sample.
+/// The shortest time of the search, in samples.
 pub(super) const LEAST: f64 = 0.02;
 
 #[cfg(test)]
@@ -109,7 +109,7 @@ mod tests {
     use crate::simulate::{Correction, Measured};
     use std::num::NonZeroUsize;
 
-    /// A position loop; `torque` is what its second equation has in place of the controller's torque.
+    /// A position loop; `torque` replaces the controller's torque in its second equation.
     fn servo(definitions: &str, torque: &str) -> System {
         system(&format!(
             r#"
@@ -165,7 +165,8 @@ q = "q"
         system.simulate(&plan, commands, x0, None).unwrap().y.column(0).iter().copied().collect()
     }
 
-    /// Midpoint steps of a 200th of a sample: position, speed and the lag's state move by the torque that `arrives` makes of the raw one and of the means of all steps before, newest last.
+    /// Midpoint steps of 1/200 sample. Position, speed and the lag's state follow the torque of `arrives`, from the raw torque and the means of all earlier
+    /// steps, newest last.
     fn stepped(arrives: impl Fn(f64, f64, &[f64]) -> f64, lag_s: Option<f64>) -> Vec<f64> {
         let (_, u) = commands();
         let (h, steps) = (SAMPLE_S / 200.0, 200);
@@ -201,7 +202,7 @@ q = "q"
         assert_eq!(channels(&servo("", "(kp*(target - q))")), ["kp*(target - q)"]);
         let named = "[definitions]\nerror = \"target - q\"\ntorque = \"kp*error - 0.1*w\"";
         assert_eq!(channels(&servo(named, "torque")), ["error", "torque"]);
-        // A command that is compared with nothing is an input, and a bare difference is the whole law.
+        // A command without a comparison is an input, and a bare difference is the whole law.
         assert!(channels(&servo("", "target")).is_empty());
         assert!(channels(&servo("", "kp*target*cos(q)")).is_empty());
     }
@@ -255,7 +256,7 @@ q = "q"
         }
     }
 
-    /// A lag or dead time of any length is simulated: what it moves shrinks with its length, at most 40 /s at these commands, down to the integrator's own error.
+    /// A lag or dead time of any length is simulated. The effect shrinks with its length, at most 40 /s at these commands, down to the integrator's own error.
     #[test]
     fn times_of_every_length_move_the_outputs_by_what_they_are() {
         let system = servo("", "kp*(target - q)");
@@ -277,7 +278,7 @@ q = "q"
         }
     }
 
-    /// A run that begins again where it was goes on with what is still on its way.
+    /// A restarted run continues with the delayed values still in transit.
     #[test]
     fn predictions_over_a_horizon_know_what_is_on_its_way() {
         let system = servo("", "kp*(target - q)");
@@ -303,7 +304,7 @@ q = "q"
         }
     }
 
-    /// What passes limits and then a lag is limited first.
+    /// A quantity with limits and a lag is limited first.
     #[test]
     fn limits_come_before_a_lag_of_the_same_quantity() {
         for (definitions, torque) in
@@ -316,7 +317,7 @@ q = "q"
                 with(&system, "internal_saturation", channel, &[-2.0, 2.5]),
             ];
             let y = simulated(&system, &both, &[0.1, 0.0]);
-            // The start of the comparison's lag is that of an unlimited torque, within the limits here.
+            // The initial state of the comparison's lag is an unlimited torque, within the limits here.
             let (_, u) = commands();
             let (h, mut x) = (SAMPLE_S / 200.0, [0.1, 0.0, 12.0 * (u[0] - 0.1)]);
             let mut own = Vec::new();
@@ -341,7 +342,7 @@ q = "q"
         }
     }
 
-    /// Phase and size of the approximant against exp(−s·delay), to what the page of the effect states.
+    /// Phase and magnitude of the approximant against exp(−s·delay), to the accuracy stated on the effect's page.
     #[test]
     fn the_approximant_of_a_dead_time_is_close_up_to_three_radians() {
         let (time_s, over, under) = InnerFilter::Delay(0.5).transfer();
@@ -390,7 +391,7 @@ wl = "(k*(motor - load) - 2.0*load - 0.3*wl)/0.08"
 load = "load"
 "#;
 
-    /// The load of `TRAIN` by midpoint steps of a 400th of a sample; the link's torque is 60 times what `link` makes of twist and relative speed.
+    /// The load of `TRAIN` by midpoint steps of 1/400 sample. The link's torque is 60 times the value of `link` at twist and relative speed.
     fn train_stepped(link: impl Fn(f64, f64) -> f64) -> Vec<f64> {
         let (_, u) = commands();
         let (h, mut x, mut own) = (SAMPLE_S / 400.0, [0.0f64; 4], Vec::new());

@@ -1,6 +1,6 @@
-//! A quantity inside the model has a dead zone: small values do nothing.
+//! A quantity inside the model has a dead zone: small values have no effect.
 //!
-//! Equation: v = r − min(max(r, −width), width), r the quantity as the model has it.
+//! Equation: v = r − min(max(r, −width), width), r the quantity of the model.
 
 use super::internal;
 use crate::effect::channel;
@@ -14,8 +14,8 @@ use crate::simulate::system::System;
 
 /// A dead zone inside a loop.
 ///
-/// Assumes: the zone is symmetric about 0, and its edges do not move.
-/// Fails when: the quantity is large throughout: an offset of either sign explains as much. At rest it leaves an error as dry friction does.
+/// Assumes: the zone is symmetric about 0 and constant.
+/// Fails when: the quantity is large throughout: an offset of either sign explains as much. At rest it leaves an error, as dry friction does.
 /// Source: Khalil (2002), Nonlinear Systems, 3rd edition, section 1.2.7 (common nonlinearities).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InternalDeadband;

@@ -1,4 +1,4 @@
-//! A quantity inside the model is late: v(t) = r(t − delay), r the quantity as the model has it.
+//! A quantity inside the model is late: v(t) = r(t − delay), r the quantity of the model.
 
 use super::internal;
 use crate::effect::channel;
@@ -11,9 +11,9 @@ use crate::simulate::system::System;
 
 /// A dead time inside a loop: a controller that computes, a bus between it and the drive.
 ///
-/// Assumes: the quantity rests before the log. Nonlinear equations are simulated with the quantity's own history; affine ones with a Padé approximant of order 3 over 4,
-/// whose phase is right to 0.1 % up to ω·delay = 3.
-/// Fails when: the delay is short against the motion: a lag inside the loop of the same length does nearly the same, and less damping too.
+/// Assumes: the quantity rests before the log. Nonlinear equations are simulated with the quantity's own history. Affine ones use a Padé approximant of order 3
+/// over 4, with a phase error below 0.1 % up to ω·delay = 3.
+/// Fails when: the delay is short compared with the motion. A lag of the same length inside the loop has nearly the same effect, and so does less damping.
 /// Source: Bellen and Zennaro (2003), Numerical Methods for Delay Differential Equations, chapter 3; Baker and Graves-Morris (1996), Padé Approximants, section 1.2.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InternalDelay;
@@ -40,7 +40,7 @@ impl Effect for InternalDelay {
         internal::times(scales)
     }
 
-    /// As of a lag.
+    /// As for a lag.
     fn least(&self, _: OnChannel<'_>, scales: &Scales) -> Vec<f64> {
         vec![internal::LEAST * scales.sample_time_s]
     }

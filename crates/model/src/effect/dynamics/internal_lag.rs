@@ -1,4 +1,4 @@
-//! A quantity inside the model lags: v′ = (r − v)/time_constant, r the quantity as the model has it.
+//! A quantity inside the model lags: v′ = (r − v)/time_constant, r the quantity of the model.
 
 use super::internal;
 use crate::effect::channel;
@@ -11,8 +11,8 @@ use crate::simulate::system::System;
 
 /// A first-order lag inside a loop: a motor's winding, a valve, a filter.
 ///
-/// Assumes: one pole, settled where a log starts.
-/// Fails when: the lag is short against the loop: a dead time inside the loop of the same length does nearly the same, and less damping too.
+/// Assumes: one pole, settled at the start of a log.
+/// Fails when: the lag is short compared with the loop. A dead time of the same length inside the loop has nearly the same effect, and so does less damping.
 /// Source: Åström and Murray (2008), Feedback Systems.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InternalLag;
@@ -43,7 +43,7 @@ impl Effect for InternalLag {
         internal::times(scales)
     }
 
-    /// A fiftieth of a sample: below that no sample shows it, and steps of the integration get ever shorter.
+    /// 2 % of a sample: below it the effect is invisible in the samples, and the integration steps become ever shorter.
     fn least(&self, _: OnChannel<'_>, scales: &Scales) -> Vec<f64> {
         vec![internal::LEAST * scales.sample_time_s]
     }

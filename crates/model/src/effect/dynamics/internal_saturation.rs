@@ -1,6 +1,6 @@
-//! A quantity inside the model has limits: what a controller asks for, the actuator does not give.
+//! A quantity inside the model has limits: the actuator does not deliver the controller's full demand.
 //!
-//! Equation: v = min(max(r, lower), upper), r the quantity as the model has it.
+//! Equation: v = min(max(r, lower), upper), r the quantity of the model.
 
 use super::internal;
 use crate::effect::channel;
@@ -14,8 +14,9 @@ use crate::simulate::system::System;
 
 /// The torque, the current or the voltage inside a loop has limits.
 ///
-/// Assumes: hard limits of one quantity; what else acts on the same state is outside them.
-/// Fails when: the quantity never reaches them. With small gravity and damping a limit of the whole acceleration explains as much, and behind a stiff loop a rate limit of the command.
+/// Assumes: hard limits of one quantity; other effects on the same state are outside them.
+/// Fails when: the quantity never reaches them. With small gravity and damping, a limit of the whole acceleration explains as much; behind a stiff loop, a rate
+/// limit of the command does.
 /// Source: Khalil (2002), Nonlinear Systems, 3rd edition, section 1.2.7 (common nonlinearities).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InternalSaturation;

@@ -1,6 +1,6 @@
-//! A number of the model is wrong: a named parameter, or an entry of A or B that is not 0.
+//! A parameter of the model is wrong: a named one, or an entry of A or B that is not 0.
 //!
-//! Equation: x′ = f(x, u; p) with p = value where the model has its nominal one; for an entry, A[x,from] = value or B[x,from] = value.
+//! Equation: x′ = f(x, u; p) with p = value instead of its nominal value; for an entry, A[x,from] = value or B[x,from] = value.
 
 use nalgebra::DMatrix;
 
@@ -15,8 +15,8 @@ use crate::simulate::system::{Dynamics, ModelNumber, System};
 
 /// A parameter of the model is wrong.
 ///
-/// Assumes: the structure of the model is right and one number is not.
-/// Fails when: another number moves the outputs in the same direction: an entry of B and a gain of its input are the same.
+/// Assumes: the structure of the model is correct, and a single parameter is not.
+/// Fails when: another parameter moves the outputs in the same direction: an entry of B and a gain of its input are aliases.
 /// Source: Ljung (1999), System Identification: Theory for the User, 2nd edition (grey-box models).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ParameterError;
@@ -54,10 +54,10 @@ impl Effect for ParameterError {
     }
 }
 
-/// The channels that parameters of the model have, in words.
+/// The channels for parameters of the model, in words.
 pub(super) const RULE: &str = "a parameter, or an entry of A or B that is not 0: `A[x,from]`";
 
-/// Every number of the model.
+/// Every parameter of the model.
 pub(super) fn channels(system: &System) -> Vec<String> {
     match &system.dynamics {
         Dynamics::Equations(..) | Dynamics::BlackBox(..) => names(&system.parameters),
@@ -76,7 +76,7 @@ pub(super) fn channels(system: &System) -> Vec<String> {
     }
 }
 
-/// The place that a channel names, its unit and what stands there.
+/// The parameter that a channel names, its unit and its value.
 pub(super) fn number(on: OnChannel<'_>) -> Result<(ModelNumber, String, f64)> {
     let (system, channel, unknown) = (on.system, on.channel, || on.unknown());
     let at = |ports: &[Port], name: &str| channel::position(ports, name).ok_or_else(unknown);

@@ -1,6 +1,7 @@
-//! A number of the model is another from a time on: a mass when a load drops, a coefficient when ice sets in.
+//! A parameter of the model changes at a time: a mass when a load drops, a coefficient when ice forms.
 //!
-//! Equation: x′ = f(x, u; p) with p = value until `time` and p = later from then on; for an entry of A or B the same. The state runs on through the change.
+//! Equation: x′ = f(x, u; p) with p = value until `time` and p = later from then on. An entry of A or B changes in the same way. The state is continuous at the
+//! change.
 
 use super::parameter_error::number;
 use crate::effect::channel;
@@ -12,11 +13,11 @@ use crate::simulate::system::System;
 
 /// A parameter of the model that steps, at the same time in every log.
 ///
-/// Assumes: one step, at the same log time in every log; the structure of the model is right before and after, and the state does not jump.
-/// Fails when: the step stands close to an end of the log, or the term with the parameter moves too little on one side of it. A step of another parameter that moves
-/// the outputs in the same direction is indistinguishable: of an entry of B and of the gain of its input.
-/// Source: Willsky and Jones (1976), IEEE Trans. Automat. Contr. 21(1), 108-112, doi:10.1109/TAC.1976.1101146 (jumps in linear systems); Ljung (1999), System
-/// Identification: Theory for the User, 2nd edition, for the parameter that stands still.
+/// Assumes: one step, at the same log time in every log. The model's structure is correct before and after, and the state does not jump.
+/// Fails when: the step is close to an end of the log, or the parameter's term moves too little on one side of it. A step of another parameter with the same
+/// direction of effect is an alias: for an entry of B, the gain of its input.
+/// Source: Willsky and Jones (1976), IEEE Trans. Automat. Contr. 21(1), 108-112, doi:10.1109/TAC.1976.1101146 (jumps in linear systems). Ljung (1999), System
+/// Identification: Theory for the User, 2nd edition, for the constant parameter.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ParameterJump;
 

@@ -1,4 +1,4 @@
-//! Something shakes: amplitude·sin(2π·frequency·t + phase) on a state's derivative, t from the log's first sample.
+//! A vibration: amplitude·sin(2π·frequency·t + phase) on a state's derivative, t from the log's first sample.
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, OnChannel, Site};
@@ -7,9 +7,9 @@ use crate::effect::parameter::{Parameter, Role};
 use crate::effect::scales::Scales;
 use crate::simulate::plan::{Plan, Term};
 
-/// Something shakes at one frequency.
+/// A vibration at one frequency.
 ///
-/// Assumes: one frequency, amplitude and phase through all logs, each from its own start.
+/// Assumes: one frequency, amplitude and phase in all logs, relative to each log's own start.
 /// Fails when: the log holds few periods, or the command moves at that frequency, too.
 /// Source: Bodson and Douglas (1997), Automatica 33, 2213-2221, doi:10.1016/S0005-1098(97)00149-0.
 #[derive(Debug, Clone, Copy)]

@@ -11,8 +11,8 @@ use crate::simulate::plan::{Plan, Term};
 
 /// Drag that grows with the square of a velocity.
 ///
-/// Assumes: the state is a velocity relative to a medium at rest, and drag takes energy: its coefficient is not negative.
-/// Fails when: all motion is of one speed: a linear damping does the same.
+/// Assumes: the state is a velocity relative to a medium at rest; drag dissipates energy, so its coefficient is not negative.
+/// Fails when: all motion has one speed: a linear damping has the same effect.
 /// Source: Batchelor (1967), An Introduction to Fluid Dynamics (drag at high Reynolds number).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct QuadraticDrag;

@@ -1,8 +1,8 @@
 //! Dry friction that is larger at low speed: −(level + extra·exp(−(x/velocity)²))·sign(x) on the derivative of the velocity x, which sticks at 0.
 //!
 //! The falling curve is that of Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, eq. 5 with δ = 2 and without its viscous part,
-//! doi:10.1016/0005-1098(94)90209-7. It is the contact of dry friction of level + extra, less the part extra·(1 − exp(−(x/velocity)²)) that speed takes away;
-//! that part is 0 at rest, so the contact sticks and breaks loose at level + extra.
+//! doi:10.1016/0005-1098(94)90209-7. The law is dry friction of level + extra, minus the part extra·(1 − exp(−(x/velocity)²)) that speed removes. The removed
+//! part is 0 at rest, so the contact sticks and breaks away at level + extra.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::simulate::plan::{Plan, Term};
 
 /// Dry friction that is larger at low speed.
 ///
-/// Assumes: the state is a velocity; a level that falls with speed by a Gaussian curve.
+/// Assumes: the state is a velocity; the level falls with speed by a Gaussian curve.
 /// Fails when: the log has few samples at low speed: dry friction explains as much.
 /// Source: Armstrong-Hélouvry, Dupont and Canudas de Wit (1994), Automatica 30, 1083-1138, doi:10.1016/0005-1098(94)90209-7.
 #[derive(Debug, Clone, Copy)]
@@ -59,7 +59,7 @@ impl Effect for StribeckFriction {
         [0.1, 0.4].into_iter().flat_map(guesses).collect()
     }
 
-    /// 2 % of the usual change within a sample: less changes 5 % of the friction's effect. The remainder is the force to break away.
+    /// 2 % of the usual change within a sample: below it, less than 5 % of the friction's effect changes. The remaining effect is the breakaway force.
     fn least(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<f64> {
         let pull = on.state().ok().and_then(|i| scales.derivatives.get(i)).copied().unwrap_or(0.0);
         vec![0.0, 0.0, 0.02 * pull * scales.sample_time_s]

@@ -11,7 +11,7 @@ use crate::simulate::system::System;
 /// A resonance that the model lacks.
 ///
 /// Assumes: one linear resonance, excited by one input.
-/// Fails when: the command holds little near the resonance, or it lies above half the sample rate. Strongly damped modes look like a lag.
+/// Fails when: the command has little power near the resonance, or the resonance lies above half the sample rate. Strongly damped modes resemble a lag.
 /// Source: Preumont (2018), Vibration Control of Active Structures, 4th edition.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct UnmodelledMode;
@@ -85,7 +85,7 @@ impl Effect for UnmodelledMode {
     }
 }
 
-/// The input that drives it and where it is added.
+/// The input that drives it, and the site where it is added.
 fn place(on: OnChannel<'_>) -> Result<(usize, plan::ModeSite)> {
     let System { inputs, states, outputs, .. } = on.system;
     let find = || {

@@ -9,8 +9,9 @@ use crate::simulate::plan::Plan;
 
 /// The actuator follows with a first-order lag.
 ///
-/// Assumes: one pole, which starts settled.
-/// Fails when: the lag is short against the motion: a delay of the same length does nearly the same. On one input a lag of all sensors is the same.
+/// Assumes: one pole, settled at the start.
+/// Fails when: the lag is short compared with the motion: a delay of the same length has nearly the same effect. On a single input, a lag of all sensors is an
+/// alias.
 /// Source: Åström and Murray (2008), Feedback Systems.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ActuatorLag;

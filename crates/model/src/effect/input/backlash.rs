@@ -14,8 +14,8 @@ use crate::simulate::plan::Plan;
 
 /// Play between command and plant.
 ///
-/// Assumes: play without mass or contact dynamics. It starts where the plant rests in a log, else centred.
-/// Fails when: the command seldom turns round: nothing then crosses the play. A small play looks like a delay that depends on the amplitude.
+/// Assumes: play without mass or contact dynamics. The play starts at the plant's rest in a log, else centred.
+/// Fails when: the command seldom changes direction: the play is then not crossed. A small play resembles an amplitude-dependent delay.
 /// Source: Nordin and Gutman (2002), Automatica 38, 1633-1649, doi:10.1016/S0005-1098(02)00047-X.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Backlash;
@@ -47,8 +47,8 @@ impl Effect for Backlash {
     }
 }
 
-/// The play operator p ← min(max(p, v − width), v + width), from the rest of the plant or centred on the first value. Source: Brokate and Sprekels (1996), "Hysteresis and
-/// Phase Transitions", section 2.3.
+/// The play operator p ← min(max(p, v − width), v + width), from the plant's rest or centred on the first value. Source: Brokate and Sprekels (1996),
+/// "Hysteresis and Phase Transitions", section 2.3.
 fn play(signal: &Piecewise, width: f64, rest: Option<f64>) -> Piecewise {
     let mut position = rest.unwrap_or_else(|| signal.first());
     signal.rebuild(|piece, end_s, out| {
@@ -58,7 +58,7 @@ fn play(signal: &Piecewise, width: f64, rest: Option<f64>) -> Piecewise {
             out.push(Piece { start_s, value: position, slope: 0.0 });
             return;
         }
-        // The side in contact, and when it touches.
+        // The side in contact, and the time of contact.
         let side = width * piece.slope.signum();
         let touch_s = start_s + (position + side - piece.value) / piece.slope;
         if touch_s > start_s {

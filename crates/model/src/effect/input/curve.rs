@@ -1,4 +1,4 @@
-//! The actuator is not straight: u + quadratic·u·|u|.
+//! The actuator is nonlinear: u + quadratic·u·|u|.
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
@@ -9,8 +9,8 @@ use crate::simulate::plan::Plan;
 
 /// The actuator has a quadratic characteristic.
 ///
-/// Assumes: a static characteristic that bends alike on both sides of zero.
-/// Fails when: the command has few levels: then gain and offset do the same. Small commands show no curve.
+/// Assumes: a static characteristic with odd symmetry about zero.
+/// Fails when: the command has few levels: gain and offset then have the same effect. Small commands do not reveal the curve.
 /// Source: Narendra and Gallman (1966), IEEE Transactions on Automatic Control 11, 546-550, doi:10.1109/TAC.1966.1098387, for a static curve before
 /// linear dynamics.
 #[derive(Debug, Clone, Copy)]

@@ -1,4 +1,4 @@
-//! Small commands do nothing: sign(u)·max(|u| − width, 0).
+//! Small commands have no effect: sign(u)·max(|u| − width, 0).
 
 use std::sync::Arc;
 
@@ -9,11 +9,11 @@ use crate::effect::parameter::Parameter;
 use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
-/// Small commands do nothing.
+/// Small commands have no effect.
 ///
-/// Assumes: a dead zone that is symmetric about zero, before everything that has memory.
-/// Fails when: all commands are far larger than the width: the loss is then an offset that changes sign with the command. Dry friction also swallows
-/// small commands.
+/// Assumes: a dead zone symmetric about zero, before all elements with memory.
+/// Fails when: all commands are far larger than the width: the loss is then an offset that changes sign with the command. Dry friction also suppresses small
+/// commands.
 /// Source: Khalil (2002), Nonlinear Systems, 3rd edition, section 1.2.7 (common nonlinearities).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Deadband;

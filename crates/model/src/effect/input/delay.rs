@@ -10,8 +10,8 @@ use crate::simulate::plan::Plan;
 /// Dead time between the command and the plant; continuous, never rounded to samples.
 ///
 /// Assumes: one delay for all samples of the input; commands held between their samples.
-/// Fails when: all outputs lag alike: a delay of all outputs and a shift of the sensors' clock do the same to data that only commands move. A short lag
-/// resembles a delay shorter than the fastest motion.
+/// Fails when: all outputs have the same lag. A delay of all outputs and a shift of the sensors' clock then have the same effect on data that only commands
+/// move. A short lag resembles a delay shorter than the fastest motion.
 /// Source: Normey-Rico and Camacho (2007), Control of Dead-time Processes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InputDelay;

@@ -1,4 +1,4 @@
-//! The delay of a command changes with time: the plant holds at t what was commanded at t − (delay + rate·t).
+//! The delay of a command changes with time: the plant input at t is the command of t − (delay + rate·t).
 
 use std::sync::Arc;
 
@@ -9,14 +9,14 @@ use crate::effect::parameter::Parameter;
 use crate::simulate::piecewise::Piecewise;
 use crate::simulate::plan::Plan;
 
-/// No delay grows or shrinks faster than this, in seconds per second: at 1 no later command would ever arrive.
+/// Bound of the rate, s/s: at 1 no later command would ever arrive.
 const FASTEST: f64 = 0.9;
 
 /// A dead time that drifts; never below zero.
 ///
-/// Assumes: a rate that is the same in all logs; commands arrive in order.
-/// Fails when: the drift over the log is small against a sample: one delay explains as much. Two clocks of different rates shift outputs in the same way.
-/// Source: Normey-Rico and Camacho (2007), Control of Dead-time Processes, for the constant delay; its growth is that of two clocks, as `clock_skew`.
+/// Assumes: one rate in all logs; commands arrive in order.
+/// Fails when: the drift over the log is small compared with a sample: one delay explains as much. Two clocks of different rates shift outputs in the same way.
+/// Source: Normey-Rico and Camacho (2007), Control of Dead-time Processes, for the constant delay. The growth is that of two clocks, as `clock_skew`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DelayDrift;
 

@@ -1,6 +1,6 @@
-//! Every command arrives late by a delay of its own, drawn at random: its mean, its standard deviation, and whether commands keep their order.
+//! Every command has a random delay: its mean, its standard deviation, and whether commands keep their order.
 //!
-//! Equation: command k acts from t_k + d_k on, d_k gamma distributed with mean `delay` and standard deviation `spread`; ordered: not before command k − 1.
+//! Equation: command k acts from t_k + d_k on. d_k is gamma distributed with mean `delay` and standard deviation `spread`; ordered: not before command k − 1.
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
@@ -12,11 +12,11 @@ use crate::simulate::plan::{Delays, Late, Plan};
 /// From this value on commands keep their order.
 const ORDERED: f64 = 0.5;
 
-/// Each logged command's delay is a draw of a gamma distribution; a plan holds the mean until a seed draws them.
+/// Each logged command's delay is a draw of a gamma distribution; a plan uses the mean until a seed draws the delays.
 ///
 /// Assumes: independent delays of one gamma distribution, one for each command.
-/// Fails when: the spread is small against the sample time or the plant's own lag: a constant delay explains as much. Jitter that follows a pattern is
-/// not of this kind.
+/// Fails when: the spread is small compared with the sample time or the plant's own lag: a constant delay explains as much. Jitter with a pattern is not of
+/// this kind.
 /// Source: Nilsson (1998), Real-Time Control Systems with Delays, doctoral thesis, Lund Institute of Technology.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DelayJitter;
@@ -48,7 +48,7 @@ impl Effect for DelayJitter {
         ])
     }
 
-    /// None: its mean is a plain delay's, and what tells it is the delay of every single command, which is decoded from the outputs.
+    /// None: its mean is a constant delay, and only the decoded delay of every single command distinguishes it.
     fn starts(&self, _: OnChannel<'_>, _: &Scales) -> Vec<Vec<f64>> {
         Vec::new()
     }

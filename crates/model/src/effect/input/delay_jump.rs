@@ -12,8 +12,8 @@ use crate::simulate::plan::Plan;
 /// A dead time that jumps, at the same time in every log.
 ///
 /// Assumes: one jump, at the same log time in every log; constant delays before and after.
-/// Fails when: the jump stands close to an end of the log, or the command moves too little on one side of it: then one delay explains as much.
-/// Source: Normey-Rico and Camacho (2007), Control of Dead-time Processes, for the constant delay; the jump is that of a path that is routed anew.
+/// Fails when: the jump is close to an end of the log, or the command moves too little on one side of it. One delay then explains as much.
+/// Source: Normey-Rico and Camacho (2007), Control of Dead-time Processes, for the constant delay; the jump models a rerouted path.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DelayJump;
 

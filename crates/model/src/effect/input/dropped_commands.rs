@@ -1,7 +1,7 @@
-//! Commands get lost on the way: the last one that arrived is held.
+//! Commands are lost in transmission: the last one that arrived is held.
 //!
-//! Equation: v(k) = u(k) where the command of sample k arrives, else v(k − 1); lost with this probability, each sample for itself, or in runs whose mean length is
-//! `burst`: a loss then goes on with probability 1 − 1/burst, and begins with probability/(burst·(1 − probability)).
+//! Equation: v(k) = u(k) where the command of sample k arrives, else v(k − 1). Each sample is lost independently with this probability, or in runs of mean
+//! length `burst`. A loss then continues with probability 1 − 1/burst, and begins with probability/(burst·(1 − probability)).
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
@@ -10,12 +10,12 @@ use crate::effect::parameter::{Parameter, Role};
 use crate::effect::scales::Scales;
 use crate::simulate::plan::{Drops, Losses, Plan, Realisation};
 
-/// Each logged command is lost with this probability; a plan holds the mean over all sequences until a seed draws one.
+/// Each logged command is lost with this probability; a plan uses the mean over all sequences until a seed draws one.
 ///
-/// Assumes: each sample is lost with one probability, whatever was lost before it, or by whether the one before it was; the last command is held.
-/// Fails when: commands change seldom: most losses then change nothing. Where they change more seldom than losses last, a burst looks like a delay.
-/// Source: Schenato, Sinopoli, Franceschetti, Poolla and Sastry (2007), Proceedings of the IEEE 95, 163-187, doi:10.1109/JPROC.2006.887306; for bursts Gilbert (1960),
-/// Bell System Technical Journal 39, 1253-1265, doi:10.1002/j.1538-7305.1960.tb03959.x.
+/// Assumes: each sample is lost with one probability, independent of earlier losses, or dependent on the previous one only. The last command is held.
+/// Fails when: commands change seldom: most losses then have no effect. If commands change less often than losses last, a burst resembles a delay.
+/// Source: Schenato, Sinopoli, Franceschetti, Poolla and Sastry (2007), Proceedings of the IEEE 95, 163-187, doi:10.1109/JPROC.2006.887306. For bursts Gilbert
+/// (1960), Bell System Technical Journal 39, 1253-1265, doi:10.1002/j.1538-7305.1960.tb03959.x.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DroppedCommands;
 
@@ -32,7 +32,7 @@ impl Effect for DroppedCommands {
         on.input()?;
         let probability =
             Parameter { upper: 0.999, ..channel::not_negative("probability", "1".to_owned(), 0.0) };
-        // Commands; where it is left out losses are as long as chance makes them.
+        // Unit: commands; default: the mean run length of independent losses.
         let burst = Parameter {
             role: Role::Shape,
             lower: 1.0,
@@ -47,7 +47,7 @@ impl Effect for DroppedCommands {
 
     fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let (probability, burst) = (values[0], Some(values[1]).filter(|b| b.is_finite()));
-        // A burst is at least so long as one where losses begin at once behind every command that arrives.
+        // The shortest mean burst: losses begin at once behind every command that arrives.
         let shortest = probability / (1.0 - probability);
         if let Some(value) = burst.filter(|b| *b < shortest) {
             let (effect, channel, parameter) =

@@ -1,4 +1,4 @@
-//! The actuator does more or less than commanded: gain·u.
+//! The actuator delivers more or less than commanded: gain·u.
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
@@ -9,8 +9,8 @@ use crate::simulate::plan::Plan;
 
 /// The actuator has another gain.
 ///
-/// Assumes: a constant gain, which acts on the whole command.
-/// Fails when: there is one input: a gain of all outputs, or of one column of B, is the same for a linear plant.
+/// Assumes: a constant gain on the whole command.
+/// Fails when: there is one input: a gain of all outputs, or of one column of B, is an alias for a linear plant.
 /// Source: Åström and Murray (2008), Feedback Systems.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InputGain;

@@ -11,8 +11,8 @@ use crate::simulate::plan::Plan;
 
 /// The gain of the actuator fades with time.
 ///
-/// Assumes: a gain that changes evenly with log time, in every log from its own start.
-/// Fails when: the log is short against the fade, or the command stops early: a constant gain explains as much.
+/// Assumes: a gain that changes linearly with log time, relative to each log's own start.
+/// Fails when: the log is short compared with the fade, or the command stops early: a constant gain explains as much.
 /// Source: Zhang and Jiang (2008), Annual Reviews in Control 32, 229-252, doi:10.1016/j.arcontrol.2008.03.008 (loss of effectiveness).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct GainFade;
@@ -37,7 +37,7 @@ impl Effect for GainFade {
     fn apply(&self, on: OnChannel<'_>, values: &[f64], plan: &mut Plan) -> Result<()> {
         let rate = values[0];
         plan.inputs[on.input()?].maps.push(Arc::new(move |signal| {
-            // A command is held, so its product with a straight line is straight.
+            // A held command times a linear function is linear.
             signal.map(|p| (p.value * (1.0 - rate * p.start_s), -p.value * rate))
         }));
         Ok(())

@@ -12,8 +12,8 @@ use crate::simulate::plan::Plan;
 /// The gain of an actuator that steps, at the same time in every log: a motor that is lost, a load that drops.
 ///
 /// Assumes: one step, at the same log time in every log; constant gains before and after.
-/// Fails when: the step stands close to an end of the log, or the command moves too little on one side of it: then one gain explains as much. Where the input acts
-/// through one entry of B alone, a step of that entry is indistinguishable.
+/// Fails when: the step is close to an end of the log, or the command moves too little on one side of it. One gain then explains as much. Where the input acts
+/// through one entry of B alone, a step of that entry is an alias.
 /// Source: Zhang and Jiang (2008), Annual Reviews in Control 32, 229-252, doi:10.1016/j.arcontrol.2008.03.008 (abrupt loss of effectiveness).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct GainJump;

@@ -1,4 +1,4 @@
-//! Commands pass at certain times only and are held between them, as through a slower loop: at phase, phase + period, phase + 2·period and so on.
+//! Commands pass at certain times only and are held in between, as through a slower loop: at phase, phase + period, phase + 2·period, ….
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, Lateness, OnChannel, Site, Telling};
@@ -6,10 +6,10 @@ use crate::effect::error::Result;
 use crate::effect::parameter::{Parameter, Role};
 use crate::simulate::plan::Plan;
 
-/// A slower loop on the way of the commands.
+/// A slower loop in the path of the commands.
 ///
-/// Assumes: a strictly periodic slower loop, and commands that are held between its times.
-/// Fails when: the commands themselves change more seldom than the slower loop runs; its mean delay, half a period, then looks like `input_delay`.
+/// Assumes: a strictly periodic slower loop, with commands held between its times.
+/// Fails when: the commands change less often than the slower loop runs; its mean delay, half a period, then resembles `input_delay`.
 /// Source: Åström and Wittenmark (1997), Computer-Controlled Systems, 3rd edition (multirate sampling).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct MultiRate;
@@ -31,7 +31,7 @@ impl Effect for MultiRate {
     fn parameters(&self, on: OnChannel<'_>) -> Result<Vec<Parameter>> {
         on.input()?;
         let period = Parameter { role: Role::Period, ..channel::delay("period") };
-        // Any whole number of periods more is the same.
+        // Additional whole periods have no effect.
         let phase = Parameter { role: Role::Shape, ..channel::free("phase", "s".to_owned(), 0.0) };
         Ok(vec![period, phase])
     }

@@ -12,10 +12,8 @@ use crate::simulate::plan::Plan;
 /// The actuator is off centre.
 ///
 /// Assumes: a constant offset in all logs.
-/// Fails when: a constant disturbance of a state, or a sensor's offset, has the same effect once a linear plant has settled; only its transient
-/// distinguishes them.
-/// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors), for a constant error; here it is the
-/// actuator's.
+/// Fails when: a constant disturbance of a state, or a sensor's offset, has the same effect on a settled linear plant. Only the transient distinguishes them.
+/// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors), for a constant error; here of the actuator.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct InputOffset;
 

@@ -1,4 +1,4 @@
-//! The actuator moves no faster than this.
+//! The actuator has a rate limit.
 //!
 //! Equation: v′ = rate·sign(u − v) while v ≠ u, and v follows u where |u′| ≤ rate.
 
@@ -12,16 +12,17 @@ use crate::effect::scales::Scales;
 use crate::simulate::piecewise::{Piece, Piecewise};
 use crate::simulate::plan::Plan;
 
-/// The actuator moves no faster than this.
+/// The actuator has a rate limit.
 ///
-/// Assumes: one limit for both directions, whatever the load.
-/// Fails when: commands are steps of one height: a lag does nearly the same. Larger steps must take longer for the two to part.
-/// Source: Khalil (2002), Nonlinear Systems, 3rd edition, section 1.2.7 (common nonlinearities), for the limiter; the rate limit is one in a feedback of
-/// high gain.
+/// Assumes: one limit for both directions and any load.
+/// Fails when: commands are steps of one height: a lag has nearly the same effect. Steps of different heights distinguish the two, because larger ones take
+/// longer.
+/// Source: Khalil (2002), Nonlinear Systems, 3rd edition, section 1.2.7 (common nonlinearities), for the limiter; the rate limit is one within a high-gain
+/// feedback.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RateLimit;
 
-/// The slowest first guess: a full swing takes this part of the longest log.
+/// The slowest initial value: a full swing takes this part of the longest log.
 const LONGEST_SWING: f64 = 0.25;
 
 impl Effect for RateLimit {
@@ -39,7 +40,7 @@ impl Effect for RateLimit {
 
     fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(spread) = on.input_spread(scales) else { return Vec::new() };
-        // The time that a full swing takes: from half a sample to 25 % of a log, one per octave. It is independent of how fast the plant is.
+        // The duration of a full swing: from half a sample to 25 % of a log, one per octave. The range is independent of the plant's speed.
         let (swing, longest_s) =
             (spread.largest - spread.smallest, LONGEST_SWING * scales.duration_s);
         let times = std::iter::successors(Some(0.5 * scales.sample_time_s), |time| {
@@ -65,7 +66,7 @@ fn follow(signal: &Piecewise, rate: f64) -> Piecewise {
         let start_s = piece.start_s;
         let gap = piece.value - at;
         let along = piece.slope.abs() <= rate;
-        // The slope while it catches up, and how long that takes.
+        // The slope while it catches up, and the duration.
         let (slope, catches_s) = if gap == 0.0 && along {
             (0.0, 0.0)
         } else {

@@ -13,8 +13,8 @@ use crate::simulate::plan::Plan;
 
 /// The actuator has stops.
 ///
-/// Assumes: hard stops that do not move.
-/// Fails when: no command reaches a stop: the stop is then not in the data. Where every command does, a gain explains as much.
+/// Assumes: hard, constant stops.
+/// Fails when: no command reaches a stop: the stop is then invisible. If every command reaches one, a gain explains as much.
 /// Source: Khalil (2002), Nonlinear Systems, 3rd edition, section 1.2.7 (common nonlinearities).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Saturation;

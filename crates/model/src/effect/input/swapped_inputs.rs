@@ -1,4 +1,4 @@
-//! Two commands are swapped on their way: the wiring, or the order of two columns.
+//! Two commands are swapped in their paths: the wiring, or the order of two columns.
 //!
 //! Equation: v_a = (1 − share)·u_a + share·u_b and v_b = (1 − share)·u_b + share·u_a; a share of 1 swaps them.
 
@@ -12,8 +12,8 @@ use crate::simulate::system::System;
 
 /// Two commands are swapped.
 ///
-/// Assumes: both have one unit. The other effects on their way act before they are swapped.
-/// Fails when: both commands are alike, or act on the outputs alike.
+/// Assumes: both have one unit. The other effects on their paths act before the swap.
+/// Fails when: both commands are equal, or have equal effects on the outputs.
 /// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (axes and their alignment).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SwappedInputs;
@@ -67,7 +67,7 @@ C = [[1.0, 0.0], [0.0, 1.0]]
 D = [[0.0, 0.1], [0.0, 0.0]]
 "#;
 
-    /// Whole exchanges are those of the columns of a log, of either kind of model.
+    /// Whole swaps equal swapped columns of a log, for either kind of model.
     #[test]
     fn swapped_channels_are_swapped_columns() {
         let sampled = CONTINUOUS.replace(

@@ -1,4 +1,4 @@
-//! A measurement is written down late: y(t − delay).
+//! A measurement is recorded late: y(t − delay).
 
 use crate::effect::channel;
 use crate::effect::definition::{Effect, Facts, OnChannel, Site, Telling};
@@ -11,7 +11,7 @@ use crate::simulate::system::System;
 /// Dead time between the plant and the log; continuous, never rounded to samples.
 ///
 /// Assumes: one delay for all samples of the output.
-/// Fails when: it acts on all outputs: a delay of the only input and a shift of the sensors' clock then do the same to what commands move.
+/// Fails when: it acts on all outputs. A delay of the only input and a shift of the sensors' clock then have the same effect on motion caused by commands.
 /// Source: Normey-Rico and Camacho (2007), Control of Dead-time Processes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct OutputDelay;

@@ -1,4 +1,4 @@
-//! A sensor also sees what another one measures: gain of one output, added to another.
+//! A sensor also measures another output: gain of one output, added to another.
 //!
 //! Equation: v = y + gain·from.
 
@@ -10,10 +10,10 @@ use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 use crate::simulate::system::System;
 
-/// A sensor also sees another output.
+/// A sensor also measures another output.
 ///
 /// Assumes: a constant share of one other output.
-/// Fails when: the two outputs move together in the log: a gain of the sensor does nearly the same.
+/// Fails when: the two outputs are correlated in the log: a gain of the sensor has nearly the same effect.
 /// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Misalignment;

@@ -1,4 +1,4 @@
-//! Play between the plant and what a sensor sees: the load follows the motor only once the play is used up.
+//! Play between the plant and the measured position: the load follows the motor only once the play is used up.
 //!
 //! Equation: v(k) = max(y(k) − width, min(y(k) + width, v(k − 1))).
 
@@ -9,10 +9,11 @@ use crate::effect::parameter::Parameter;
 use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
-/// Play behind a stiff drive, seen on its far side.
+/// Play behind a stiff drive, measured on its far side.
 ///
-/// Assumes: the far side stays where it is within the play (friction holds it), and exerts no force. The play begins in its middle; samples are dense against the motion.
-/// Fails when: the motion seldom turns round. Behind a position loop a play of the command of the same width does nearly the same.
+/// Assumes: the far side stays in place within the play (by friction), and exerts no force. The play begins in its middle; samples are dense compared with the
+/// motion.
+/// Fails when: the motion seldom changes direction. Behind a position loop, a play of the command of the same width has nearly the same effect.
 /// Source: Nordin and Gutman (2002), Automatica 38, 1633-1649, doi:10.1016/S0005-1098(02)00047-X.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct OutputBacklash;

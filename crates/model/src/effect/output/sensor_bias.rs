@@ -1,4 +1,4 @@
-//! A sensor is off: y + offset.
+//! A sensor has an offset: y + offset.
 
 use std::sync::Arc;
 
@@ -9,10 +9,10 @@ use crate::effect::parameter::Parameter;
 use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
-/// The sensor is off by a constant.
+/// The sensor has a constant offset.
 ///
 /// Assumes: a constant error in all logs.
-/// Fails when: the plant has a constant gain from the input: an offset there does the same once it has settled.
+/// Fails when: the plant has a constant gain from the input: an offset of the input has the same effect on the settled plant.
 /// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorBias;

@@ -11,8 +11,8 @@ use crate::simulate::plan::Plan;
 
 /// The sensor drifts with time.
 ///
-/// Assumes: an error that grows evenly with log time, in every log from its own start.
-/// Fails when: the log is short, or a state of the plant integrates: a constant disturbance then makes the same ramp.
+/// Assumes: an error linear in log time, relative to each log's own start.
+/// Fails when: the log is short, or a state of the plant integrates: a constant disturbance then gives the same ramp.
 /// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorDrift;

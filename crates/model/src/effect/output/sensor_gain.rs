@@ -1,4 +1,4 @@
-//! A sensor reads too much or too little: gain·y.
+//! A sensor has another gain: gain·y.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::simulate::system::System;
 /// The sensor has another gain.
 ///
 /// Assumes: a constant scale factor about zero.
-/// Fails when: it acts on all outputs and there is one input: a gain of the input is the same for a linear plant.
+/// Fails when: it acts on all outputs and there is one input: a gain of the input is an alias for a linear plant.
 /// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (errors of sensors).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorGain;

@@ -10,8 +10,8 @@ use crate::simulate::system::System;
 
 /// The sensor follows with a first-order lag.
 ///
-/// Assumes: one pole, which starts settled.
-/// Fails when: it acts on all outputs and there is one input: a lag of the actuator is the same for a linear plant. A short lag looks like a delay.
+/// Assumes: one pole, settled at the start.
+/// Fails when: it acts on all outputs and there is one input: a lag of the actuator is an alias for a linear plant. A short lag resembles a delay.
 /// Source: Åström and Murray (2008), Feedback Systems.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorLag;

@@ -1,4 +1,4 @@
-//! A sensor has steps: step·round(y/step).
+//! A sensor is quantised: step·round(y/step).
 
 use std::sync::Arc;
 
@@ -9,10 +9,10 @@ use crate::effect::parameter::Parameter;
 use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
-/// The sensor has steps.
+/// The sensor is quantised.
 ///
-/// Assumes: even steps about zero, rounded to the nearest.
-/// Fails when: the step is small against the noise, which then hides it.
+/// Assumes: equal steps about zero, rounded to the nearest.
+/// Fails when: the step is small compared with the noise, which then hides it.
 /// Source: Widrow and Kollár (2008), Quantization Noise.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorQuantisation;
@@ -32,7 +32,7 @@ impl Effect for SensorQuantisation {
 
     fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(spread) = on.output_spread(scales) else { return Vec::new() };
-        // Raw values show their step exactly; without a lattice there is none.
+        // Raw values reveal their step exactly; without a lattice there is none.
         spread.lattice.into_iter().map(|step| vec![step]).collect()
     }
 

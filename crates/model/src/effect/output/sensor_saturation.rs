@@ -1,4 +1,4 @@
-//! A sensor has an end to its range: y between lower and upper.
+//! A sensor has a limited range: y between lower and upper.
 //!
 //! Equation: v = min(max(y, lower), upper).
 
@@ -11,10 +11,10 @@ use crate::effect::parameter::Parameter;
 use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
-/// The sensor has an end to its range.
+/// The sensor has a limited range.
 ///
-/// Assumes: hard ends of the range that do not move.
-/// Fails when: no value reaches an end, or all do.
+/// Assumes: hard, constant limits.
+/// Fails when: no value reaches a limit, or all do.
 /// Source: Khalil (2002), Nonlinear Systems, 3rd edition, section 1.2.7 (common nonlinearities).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SensorSaturation;

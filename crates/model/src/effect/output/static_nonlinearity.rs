@@ -1,6 +1,7 @@
-//! A sensor's characteristic is not straight: y + quadratic·y² + cubic·y³.
+//! A sensor's characteristic is nonlinear: y + quadratic·y² + cubic·y³.
 //!
-//! Equation: v = p(min(max(y, lower), upper)) with p(y) = y + quadratic·y² + cubic·y³; from 0 to `lower` and to `upper` the curve p rises, and beyond it stays level.
+//! Equation: v = p(min(max(y, lower), upper)) with p(y) = y + quadratic·y² + cubic·y³. The curve p rises from 0 to `lower` and to `upper`, and is constant
+//! beyond.
 
 use std::sync::Arc;
 
@@ -11,10 +12,11 @@ use crate::effect::parameter::Parameter;
 use crate::effect::scales::Scales;
 use crate::simulate::plan::Plan;
 
-/// The sensor's characteristic is not straight.
+/// The sensor's characteristic is nonlinear.
 ///
-/// Assumes: a smooth characteristic without memory that never falls, of slope one at zero; offset and scale factor are effects of their own.
-/// Fails when: the measured output stays far from zero or moves little: a bend is then a gain and an offset. A nonlinear plant, driven slowly, shows the same.
+/// Assumes: a smooth, nondecreasing characteristic without memory and with slope one at zero; offset and scale factor are effects of their own.
+/// Fails when: the measured output stays far from zero or moves little: the curve is then equivalent to a gain and an offset. A slowly driven nonlinear plant
+/// resembles it.
 /// Source: IEEE Std 1293-1998, section 8.3, model equation of a linear accelerometer (second- and third-order coefficients).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct StaticNonlinearity;
@@ -39,7 +41,7 @@ impl Effect for StaticNonlinearity {
     fn starts(&self, on: OnChannel<'_>, scales: &Scales) -> Vec<Vec<f64>> {
         let Some(spread) = on.output_spread(scales) else { return Vec::new() };
         let largest = spread.quantiles[5].max(f64::MIN_POSITIVE);
-        // The screen goes along both of either sign.
+        // The screening tests both coefficients, with either sign.
         vec![vec![0.2 / largest, 0.0], vec![0.0, 0.2 / (largest * largest)]]
     }
 
@@ -55,13 +57,13 @@ impl Effect for StaticNonlinearity {
     }
 }
 
-/// From where to where about 0 the curve rises. Its slope is 1 + 2·quadratic·y + 3·cubic·y²; with w = 1/y it is 0 where w² + 2·quadratic·w + 3·cubic is.
+/// The range about 0 in which the curve rises. The slope is 1 + 2·quadratic·y + 3·cubic·y². With w = 1/y it is 0 where w² + 2·quadratic·w + 3·cubic is.
 fn rising(quadratic: f64, cubic: f64) -> (f64, f64) {
     let square = quadratic * quadratic - 3.0 * cubic;
     if square <= 0.0 || !square.is_finite() {
         return (f64::NEG_INFINITY, f64::INFINITY);
     }
-    // The root that nothing cancels in, and the other by their product.
+    // The root without cancellation, and the other by their product.
     let one = -quadratic - square.sqrt().copysign(quadratic);
     let other = 3.0 * cubic / one;
     let (most, least) = (one.max(other), one.min(other));

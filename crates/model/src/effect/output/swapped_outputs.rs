@@ -12,8 +12,8 @@ use crate::simulate::system::System;
 
 /// Two outputs are swapped.
 ///
-/// Assumes: both have one unit. They are swapped before the other effects of their sensors.
-/// Fails when: both outputs are alike.
+/// Assumes: both have one unit. The swap precedes the other effects of their sensors.
+/// Fails when: both outputs are equal.
 /// Source: Titterton and Weston (2004), Strapdown Inertial Navigation Technology, 2nd edition (axes and their alignment).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SwappedOutputs;

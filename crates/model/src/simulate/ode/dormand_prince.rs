@@ -1,7 +1,7 @@
 //! One step of the explicit Runge-Kutta pair of Dormand and Prince, order 5(4), with its dense output of order 4.
 //!
-//! Sources: Dormand & Prince 1980, A family of embedded Runge-Kutta formulae; Hairer, Nørsett & Wanner 1993, Solving Ordinary Differential Equations I,
-//! II.5 (table 5.2), II.6 (dense output), and IV.2 of volume II (stiffness detection).
+//! Sources: Dormand & Prince 1980, A family of embedded Runge-Kutta formulae. Hairer, Nørsett & Wanner 1993, Solving Ordinary Differential Equations I, II.5
+//! (table 5.2), II.6 (dense output), and IV.2 of volume II (stiffness detection).
 
 use super::rhs::Rhs;
 
@@ -12,9 +12,9 @@ const A4: [f64; 3] = [44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0];
 const A5: [f64; 4] = [19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0];
 const A6: [f64; 5] =
     [9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0];
-/// Of stages 1, 3, 4, 5, 6; that of stage 2 is 0.
+/// For stages 1, 3, 4, 5, 6; that of stage 2 is 0.
 const B: [f64; 5] = [35.0 / 384.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0];
-/// Fifth minus fourth order, of stages 1, 3, 4, 5, 6, 7.
+/// Fifth minus fourth order, for stages 1, 3, 4, 5, 6, 7.
 const E: [f64; 6] = [
     71.0 / 57600.0,
     -71.0 / 16695.0,
@@ -23,7 +23,7 @@ const E: [f64; 6] = [
     22.0 / 525.0,
     -1.0 / 40.0,
 ];
-/// Dense output, of stages 1, 3, 4, 5, 6, 7.
+/// Dense output, for stages 1, 3, 4, 5, 6, 7.
 const D: [f64; 6] = [
     -12_715_105_075.0 / 11_282_082_432.0,
     87_487_479_700.0 / 32_700_410_799.0,
@@ -33,13 +33,13 @@ const D: [f64; 6] = [
     69_997_945.0 / 29_380_423.0,
 ];
 
-/// Slopes of the stages and the state they were taken at.
+/// Slopes of the stages and the corresponding state.
 #[derive(Debug, Clone)]
 pub(super) struct DormandPrince {
     n: usize,
     /// Seven slopes of n each; the first belongs to the start of the step, the last to its end.
     pub(super) k: Vec<f64>,
-    /// The state of the stage at hand; after a step, of the sixth.
+    /// The state of the present stage; after a step, of the sixth.
     stage: Vec<f64>,
 }
 
@@ -53,12 +53,12 @@ impl DormandPrince {
         &mut self.k[..self.n]
     }
 
-    /// The first slope becomes the last: the next step begins where this one ended.
+    /// The last slope becomes the first: the next step begins at the end of this one.
     pub(super) fn advance(&mut self) {
         self.k.copy_within(6 * self.n.., 0);
     }
 
-    /// Steps from x by h into `to` (order 5): five evaluations, the slope at the start being known.
+    /// Steps from x by h into `to` (order 5): five evaluations, with a known slope at the start.
     #[inline]
     pub(super) fn step<R: Rhs + ?Sized>(
         &mut self,
@@ -68,7 +68,7 @@ impl DormandPrince {
         x: &[f64],
         to: &mut [f64],
     ) {
-        // A number of states that the compiler knows unrolls the loops.
+        // A number of states known at compile time unrolls the loops.
         match self.n {
             2 => self.step_of(2, rhs, t, h, x, to),
             3 => self.step_of(3, rhs, t, h, x, to),

@@ -10,15 +10,13 @@ use crate::simulate::error::SimulateError;
 const STABILITY_EDGE: f64 = 3.25;
 const STEPS_AT_THE_EDGE: u32 = 15;
 const STEPS_AWAY: u32 = 6;
-/// Steps of the Rosenbrock method that an explicit one could have made as well, before it is tried
-/// again.
+/// Rosenbrock steps within the stability limit of the explicit method, before the latter is tried again.
 const EASY_STEPS: u32 = 20;
 const SAFETY: f64 = 0.9;
 
 impl Integrator {
-    /// The error of equations that are too stiff, with the state to blame: the one with the largest
-    /// √|Jᵢⱼ·Jⱼᵢ|, which is its own rate for i = j and the frequency of an oscillation between two
-    /// states otherwise, whatever the units.
+    /// The error of too stiff equations, with the state responsible: the one with the largest √|Jᵢⱼ·Jⱼᵢ|. For i = j this is its own rate, otherwise the
+    /// frequency of an oscillation between two states. Units have no influence.
     fn stiff<R: Rhs + ?Sized>(
         &mut self,
         rhs: &mut R,
@@ -46,10 +44,10 @@ impl Integrator {
         SimulateError::Stiff { time_s: t, steps, step_s }
     }
 
-    /// Integrates x from t0 exactly to t1. On an error x is the last state that could be trusted.
+    /// Integrates x from t0 exactly to t1. On an error x is the last valid state.
     ///
     /// # Errors
-    /// [`SimulateError`]: undefined at the start, explodes, too stiff, time that runs back.
+    /// [`SimulateError`] for an undefined start, a diverging state, too stiff equations, time running backwards.
     #[inline]
     pub fn advance<R: Rhs + ?Sized>(
         &mut self,
@@ -61,10 +59,8 @@ impl Integrator {
         self.drive(rhs, (t0, t1), t1, x, None).map(drop)
     }
 
-    /// As [`Self::advance`], but stops at the first change of sign of `event` in (t0, t1], just
-    /// behind it: x is then the state there and the time is given back. A value of 0 at t0 is no
-    /// change, nor is the first sign after it. Changes that come and go within 25 % of a step
-    /// may be missed.
+    /// As [`Self::advance`], but stops just behind the first change of sign of `event` in (t0, t1]. x is then the state there; the time is returned. Neither a
+    /// value of 0 at t0 nor the first sign after it is a change. Double changes within 25 % of a step may be missed.
     ///
     /// # Errors
     /// As [`Self::advance`].
@@ -79,10 +75,8 @@ impl Integrator {
         self.drive(rhs, (t0, t1), t1, x, Some(event))
     }
 
-    /// Integrates x from t0 to t1 as [`Integrator::advance`] does, by steps that may go past t1 as
-    /// far as `until`: the state at t1 is then that of the step's curve, which is of order 4. A
-    /// call that goes on where the last one ended, with the same right-hand side and x as that one
-    /// left it, goes on with its step.
+    /// Integrates x from t0 to t1 as [`Integrator::advance`] does, by steps that may pass t1 up to `until`. The state at t1 is then that of the step's curve,
+    /// which has order 4. A call continues the last step if it starts at the end of the last call, with the same right-hand side and unchanged x.
     ///
     /// # Errors
     /// As [`Integrator::advance`].
@@ -100,7 +94,7 @@ impl Integrator {
             _ => {
                 let mut from = std::mem::take(&mut self.past.from);
                 let begin = match known {
-                    // The slope at the start is the last of the step before.
+                    // The slope at the start is the last one of the previous step.
                     Some((_, end)) => {
                         from.copy_from_slice(&self.next);
                         self.end = end;
@@ -116,7 +110,7 @@ impl Integrator {
                 moved?;
                 match self.past.span {
                     Some(span) => span,
-                    // The step ends where nothing more is known.
+                    // The step ends at the end of known data.
                     None => {
                         x.copy_from_slice(&self.next);
                         return Ok(());
@@ -140,8 +134,7 @@ impl Integrator {
         Ok(())
     }
 
-    /// Integrates to t1, or until a step reaches `wanted` before it: x is then the state at that
-    /// step's start, and `past` knows the step.
+    /// Integrates to t1, or until a step reaches `wanted` before it. x is then the state at that step's start, and `past` holds the step.
     pub(super) fn drive<R: Rhs + ?Sized>(
         &mut self,
         rhs: &mut R,
@@ -158,8 +151,7 @@ impl Integrator {
         let smallest = 16.0 * f64::EPSILON * t0.abs().max(t1.abs()).max((t1 - t0).min(1.0) * 1e-3);
         let (mut steps, mut after_rejection, mut broken_h) = (0, false, None);
         loop {
-            // The curve through a Rosenbrock step is of a low order: it ends where a state is
-            // wanted.
+            // The curve through a Rosenbrock step has a low order: the step ends at the requested state.
             let target = if self.method == Method::Explicit { t1 } else { wanted };
             let remaining = target - t;
             let (h, last) = cut(self.h, remaining);
@@ -186,7 +178,7 @@ impl Integrator {
             self.steps += 1;
             let most = if std::mem::take(&mut after_rejection) { 1.0 } else { growth };
             let factor = growth_factor(error, order, most);
-            // A step that only the end cut short says little against a longer one.
+            // A step shortened by the end is no evidence against a longer one.
             self.h = if last && factor >= 1.0 { self.h.max(h * factor) } else { h * factor };
             self.choose(h, steps > 1 || !last);
             if end >= wanted && wanted < t1 {
@@ -203,8 +195,7 @@ impl Integrator {
         }
     }
 
-    /// No step of this method is small enough: the other one goes on, after the last of which there
-    /// is none.
+    /// No step of this method is small enough: the other method continues; after the last one there is none.
     fn change_method<R: Rhs + ?Sized>(
         &mut self,
         rhs: &mut R,
@@ -219,8 +210,7 @@ impl Integrator {
         Ok(())
     }
 
-    /// Another step is within the limits; where an explicit method took too many of this call, the
-    /// other one begins to count.
+    /// Another step is within the limits; after too many explicit steps in this call, the other method starts to count.
     fn affords<R: Rhs + ?Sized>(
         &mut self,
         rhs: &mut R,
@@ -242,8 +232,7 @@ impl Integrator {
         Err(self.stiff(rhs, t, x, too_many, step_s))
     }
 
-    /// Finds the slope where a call begins, or takes it from where the last one ended, and a first
-    /// step; `false`: there is nothing to integrate.
+    /// Finds the slope at the start of a call, or reuses that at the last end, and a first step. `false`: nothing to integrate.
     fn begin<R: Rhs + ?Sized>(
         &mut self,
         rhs: &mut R,
@@ -325,8 +314,7 @@ impl Integrator {
         (sum / count).sqrt()
     }
 
-    /// After a good step of `h`: is the other method the better one? `limited`: the error control
-    /// chose the step, and not its end.
+    /// After an accepted step of `h`: decides whether the other method is better. `limited`: the error control chose the step, not the end of the interval.
     fn choose(&mut self, h: f64, limited: bool) {
         match self.method {
             Method::Explicit if limited => {
@@ -356,8 +344,7 @@ impl Integrator {
         }
     }
 
-    /// A first step by Hairer, Nørsett & Wanner II.4: an Euler step of 1 % of the state tells the
-    /// second derivative.
+    /// A first step by Hairer, Nørsett & Wanner II.4: an Euler step of 1 % of the state gives the second derivative.
     fn first_step<R: Rhs + ?Sized>(&mut self, rhs: &mut R, t: f64, t1: f64, x: &[f64]) -> f64 {
         let n = self.n;
         let (rtol, atol) = (self.rtol, self.atol);
@@ -380,7 +367,7 @@ impl Integrator {
         if h.is_finite() && h > 0.0 { h } else { h0.max(f64::MIN_POSITIVE) }
     }
 
-    /// No step is small enough: why.
+    /// The reason why no step is small enough.
     fn failure<R: Rhs + ?Sized>(
         &mut self,
         rhs: &mut R,
@@ -412,7 +399,7 @@ impl Integrator {
 }
 
 impl Method {
-    /// Its order, and the most by which a step may grow.
+    /// Its order, and the largest growth of a step.
     fn order_and_growth(self) -> (f64, f64) {
         match self {
             Self::Explicit => (5.0, 10.0),
@@ -421,8 +408,7 @@ impl Method {
     }
 }
 
-/// The step to try, and whether it is the last: of two steps that remain each takes half, so that
-/// the last one is not tiny.
+/// The step to try, and whether it is the last: if two steps remain, each takes half, so that the last one is not tiny.
 #[inline]
 fn cut(h: f64, remaining: f64) -> (f64, bool) {
     if h >= 0.99 * remaining {
@@ -434,14 +420,13 @@ fn cut(h: f64, remaining: f64) -> (f64, bool) {
     }
 }
 
-/// By how much the next step is longer, between a fifth and `most`. Far below the tolerance it
-/// grows as far as it may, and no root is needed to know.
+/// Growth factor of the next step, between 0.2 and `most`. Far below the tolerance the factor is `most`, without computing a root.
 #[inline]
 fn growth_factor(error: f64, order: f64, most: f64) -> f64 {
     if error < 1e-6 { most } else { (SAFETY * rough_root(error, order)).clamp(0.2, most) }
 }
 
-/// error^(−1/order), as exactly as a step size needs it.
+/// error^(−1/order), accurate enough for a step size.
 #[inline]
 fn rough_root(error: f64, order: f64) -> f64 {
     f64::from((error as f32).powf(-1.0 / order as f32))
@@ -451,7 +436,7 @@ fn finite(values: &[f64]) -> bool {
     values.iter().all(|v| v.is_finite())
 }
 
-/// Records where a right-hand side was not finite first.
+/// Records the first point at which a right-hand side was not finite.
 struct Probe<'a, R: Rhs + ?Sized> {
     rhs: &'a mut R,
     broken: Option<f64>,

@@ -1,4 +1,4 @@
-//! Where a function of time and state changes its sign within a step.
+//! The location of a sign change of a function of time and state within a step.
 
 use super::integrator::{Integrator, Method};
 use super::rhs::Rhs;
@@ -6,16 +6,16 @@ use super::rhs::Rhs;
 /// A function of time and state whose sign is watched.
 pub(super) type Event<'a> = &'a mut dyn FnMut(f64, &[f64]) -> f64;
 
-/// Shares of a step at which the sign is looked at.
+/// Shares of a step at which the sign is evaluated.
 const LOOKS: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
-/// Share of a step after which an event that began at 0 has taken its sign.
+/// Share of a step after which an event that began at 0 has its sign.
 const DEPARTURE: f64 = 1e-6;
-/// How close the event is located, relative to the step.
+/// Accuracy of the event's location, relative to the step.
 const CLOSE: f64 = 1e-13;
 
-/// Looks for the first change of sign in the step just made from (t, x) to (end, `integrator.next`). If there is one, x becomes the state just behind it.
+/// Searches the first change of sign in the last step, from (t, x) to (end, `integrator.next`). If there is one, x becomes the state just behind it.
 ///
-/// `sign` is the value whose sign must change; where it is 0 the first sign seen takes its place.
+/// `sign` is the value whose sign must change; where it is 0, the first sign found replaces it.
 pub(super) fn within<R: Rhs + ?Sized>(
     integrator: &mut Integrator,
     rhs: &mut R,
@@ -26,7 +26,7 @@ pub(super) fn within<R: Rhs + ?Sized>(
 ) -> Option<f64> {
     let h = end - t;
     if *sign == 0.0 {
-        // The event begins at 0, as just after a bounce: where it goes at first counts, however long the step.
+        // The event begins at 0, as just after a bounce: its first direction counts, for any step length.
         *sign = on_curve(integrator, t, h, x, DEPARTURE, event);
     }
     let (mut before, mut before_value) = (0.0, *sign);
@@ -93,7 +93,7 @@ fn located(
     mut value: impl FnMut(f64) -> f64,
     sign: f64,
 ) -> f64 {
-    // The side that stayed last time: its value is halved when it stays again.
+    // The end that remained last time: its value is halved if it remains again.
     let mut stayed = 0;
     for round in 0..200 {
         if b - a <= CLOSE * b.abs().max(f64::MIN_POSITIVE) || at_b == 0.0 {
@@ -119,7 +119,7 @@ fn located(
     b
 }
 
-/// Steps again from the start of the step right to the event, so that the state there is as accurate as any; the dense output is less so.
+/// Repeats the step from its start right to the event, so that the state there has full accuracy; the dense output is less accurate.
 fn restep<R: Rhs + ?Sized>(
     integrator: &mut Integrator,
     rhs: &mut R,
@@ -152,7 +152,7 @@ fn restep<R: Rhs + ?Sized>(
     };
     let mut behind = theta;
     let mut value = step(integrator, behind);
-    // The step's own solution differs from the dense one by less than the tolerance: the bracket is close by.
+    // The step's own solution differs from the dense one by less than the tolerance: the bracket is nearby.
     let (mut wide, mut before, mut before_value) = (1e-10, behind, value);
     if changed(sign, value) {
         while changed(sign, before_value) && before > 0.0 && wide < 1.0 {

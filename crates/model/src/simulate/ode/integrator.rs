@@ -1,10 +1,10 @@
-//! The integrator, which keeps its step size and method from call to call.
+//! The integrator, which keeps its step size and method between calls.
 
 use super::dormand_prince::DormandPrince;
 use super::past::Past;
 use super::rodas::Rodas;
 
-/// Which formula steps.
+/// The integration method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// Dormand–Prince 5(4), for equations that are not stiff.
@@ -13,7 +13,7 @@ pub enum Method {
     Rosenbrock,
 }
 
-/// An adaptive integrator that keeps its step size and method from call to call.
+/// An adaptive integrator that keeps its step size and method between calls.
 ///
 /// ```
 /// use deadtime_model::simulate::ode::{Integrator, Rhs};
@@ -39,7 +39,7 @@ pub struct Integrator {
     pub atol: f64,
     /// Steps of one call before the equations count as too stiff; 100 000 by default.
     pub max_steps: usize,
-    /// Steps of all calls together, those made again shorter included, before the run is given up; no limit by default.
+    /// Steps of all calls together, repeated ones included, before the run fails; no limit by default.
     pub budget: usize,
     pub(super) n: usize,
     /// The next step, 0: unknown.
@@ -53,11 +53,11 @@ pub struct Integrator {
     pub(super) at_the_edge: u32,
     pub(super) away: u32,
     pub(super) easy: u32,
-    /// Where the last call ended, NaN: not known. The slope there is the last of the step's.
+    /// The end of the last call, NaN: unknown. The slope there is the last of the step's.
     pub(super) end: f64,
-    /// The right-hand side is as it was in the last call.
+    /// The right-hand side is that of the last call.
     pub(super) same: bool,
-    /// A step that went past the end of the last call.
+    /// A step that passed the end of the last call.
     pub(super) past: Past,
     pub(super) broken: Option<f64>,
     pub(super) broken_x: Vec<f64>,
@@ -103,7 +103,7 @@ impl Integrator {
         }
     }
 
-    /// Resets step size and method, as before another run.
+    /// Resets step size and method for another run.
     pub fn restart(&mut self) {
         (self.h, self.method) = (0.0, Method::Explicit);
         (self.at_the_edge, self.away, self.easy) = (0, 0, 0);
@@ -111,30 +111,30 @@ impl Integrator {
         self.past.forget();
     }
 
-    /// Promises that the next call's right-hand side is that of the last one. If it also begins where that ended, the slope there need not be found again.
+    /// Declares that the next call has the same right-hand side as the last one. If it also begins at the last end, the slope there is reused.
     pub fn same_right_hand_side(&mut self) {
         self.same = true;
     }
 
-    /// The method at work.
+    /// The present method.
     #[must_use]
     pub fn method(&self) -> Method {
         self.method
     }
 
-    /// Steps made so far, and steps that had to be repeated shorter.
+    /// Steps made so far, and steps that were repeated with a shorter length.
     #[must_use]
     pub fn steps(&self) -> (usize, usize) {
         (self.steps, self.rejected)
     }
 
-    /// After an error: time and state where the right-hand side was not finite, if it was that.
+    /// After an error: time and state where the right-hand side was not finite, if that was the cause.
     #[must_use]
     pub fn breakdown(&self) -> Option<(f64, &[f64])> {
         self.broken.map(|t| (t, self.broken_x.as_slice()))
     }
 
-    /// After `SimulateError::Stiff`: the state that asks for the shortest steps, and its time constant there, s.
+    /// After `SimulateError::Stiff`: the state that requires the shortest steps, and its time constant there, s.
     #[must_use]
     pub fn fastest(&self) -> Option<(usize, f64)> {
         self.fastest

@@ -1,6 +1,6 @@
 //! LU decomposition with partial pivoting of a small matrix, in place.
 
-/// Decomposes the n × n matrix (column by column); `pivots` gets the exchanges of rows. False where it is singular.
+/// Decomposes the n × n matrix (column by column); `pivots` gets the row interchanges. `false` for a singular matrix.
 pub(super) fn decompose(n: usize, m: &mut [f64], pivots: &mut [usize]) -> bool {
     for k in 0..n {
         let column = &m[n * k..n * k + n];

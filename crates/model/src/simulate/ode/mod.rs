@@ -1,6 +1,6 @@
-//! Ordinary differential equations dx/dt = f(t, x), stepped exactly to the instants where the caller must stop: input edges, samples, events.
+//! Ordinary differential equations dx/dt = f(t, x), stepped exactly to the instants required by the caller: input edges, samples, events.
 //!
-//! Explicit Runge-Kutta steps as long as they pay, L-stable Rosenbrock steps where the equations are stiff. No allocation after the [`Integrator`] is made.
+//! Explicit Runge-Kutta steps while they are efficient, L-stable Rosenbrock steps for stiff equations. No allocation after the [`Integrator`] is made.
 
 mod dormand_prince;
 mod drive;

@@ -1,13 +1,13 @@
-//! Steps that go past the instants at which a state is wanted: it is read off the curve of the step.
+//! Steps that pass the instants of requested states, which are read from the step's curve.
 
-/// The step that went past the end of the last call.
+/// The step that passed the end of the last call.
 #[derive(Debug, Clone)]
 pub(super) struct Past {
     /// The state at its start; that at its end is the integrator's `next`.
     pub(super) from: Vec<f64>,
     /// Its start and end.
     pub(super) span: Option<(f64, f64)>,
-    /// Where the last call ended.
+    /// The end of the last call.
     pub(super) reached: f64,
 }
 

@@ -1,16 +1,16 @@
-//! What an integrator asks of the equations.
+//! The interface between an integrator and the equations.
 
 /// The right-hand side of dx/dt = f(t, x).
 pub trait Rhs {
     /// Number of states.
     fn dim(&self) -> usize;
 
-    /// dx = f(t, x). Where it is undefined it is NaN or infinite: the step is then tried shorter.
+    /// dx = f(t, x). An undefined value is NaN or infinite: the step is then repeated with a shorter length.
     fn eval(&mut self, t: f64, x: &[f64], dx: &mut [f64]);
 
     /// ∂f/∂x, column by column: `jacobian[i + n*j]` is ∂f(i)/∂x(j). `dx` is f(t, x), `scratch` has room for two states.
     ///
-    /// By default forward differences; x is changed on the way and put back.
+    /// By default forward differences; x is changed temporarily and restored.
     fn jacobian(
         &mut self,
         t: f64,
@@ -25,7 +25,7 @@ pub trait Rhs {
             let before = x[j];
             let step = f64::EPSILON.sqrt() * before.abs().max(1e-5);
             x[j] = before + step;
-            // The step that was really made, after rounding.
+            // The actual difference after rounding.
             let made = x[j] - before;
             self.eval(t, x, shifted);
             x[j] = before;
@@ -35,7 +35,7 @@ pub trait Rhs {
         }
     }
 
-    /// ∂f/∂t with x fixed. `dx` is f(t, x) and `step` a time small against the step to be made; by default a forward difference.
+    /// ∂f/∂t with x fixed. `dx` is f(t, x) and `step` a time small compared with the next step; by default a forward difference.
     fn time_slope(&mut self, t: f64, x: &[f64], dx: &[f64], step: f64, slope: &mut [f64]) {
         let made = (t + step) - t;
         self.eval(t + made, x, slope);

@@ -1,6 +1,6 @@
 //! One step of RODAS, a stiffly accurate, L-stable Rosenbrock method of order 4(3) with six stages.
 //!
-//! (1/(hγ) − J) u(i) = f(t + α(i) h, x + Σ a(ij) u(j)) + Σ c(ij)/h u(j) + h γ(i) ∂f/∂t;  the last stage is the error estimate.
+//! (1/(hγ) − J) u(i) = f(t + α(i) h, x + Σ a(ij) u(j)) + Σ c(ij)/h u(j) + h γ(i) ∂f/∂t. The last stage is the error estimate.
 //! Source: Hairer & Wanner 1996, Solving Ordinary Differential Equations II, IV.7 (coefficients of the code RODAS).
 
 use super::lu;
@@ -88,7 +88,7 @@ impl Rodas {
             .fold(0.0, f64::max)
     }
 
-    /// Steps from x by h into `to`; `error` gets the estimate. False where the matrix is singular or a stage undefined.
+    /// Steps from x by h into `to`; `error` gets the estimate. `false` for a singular matrix or an undefined stage.
     #[allow(clippy::too_many_arguments)]
     pub(super) fn step<R: Rhs + ?Sized>(
         &mut self,

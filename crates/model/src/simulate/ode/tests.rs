@@ -114,11 +114,11 @@ fn a_sample_costs_one_step_of_seven_evaluations() {
         integrator.advance(&mut f, f64::from(k) * 0.01, f64::from(k + 1) * 0.01, &mut x).unwrap();
     }
     assert_eq!(integrator.steps(), (1000, 0));
-    // One evaluation more for the very first step size.
+    // One further evaluation for the very first step size.
     assert_eq!(f.2, 7001);
 }
 
-/// The state between steps is that of the curve through them, whatever the samples; a new right-hand side or a pushed state starts a new step.
+/// The state between steps is that of their curve, for any samples. A new right-hand side or a changed state starts a new step.
 #[test]
 fn steps_past_samples_are_fewer_and_their_curve_is_as_accurate() {
     let exact = {
@@ -147,13 +147,13 @@ fn steps_past_samples_are_fewer_and_their_curve_is_as_accurate() {
                 .unwrap();
             let there = exact[k as usize];
             if (k, method) == (9, Method::Rosenbrock) {
-                // The implicit method's curve is not used: one step a sample, until it finds that the explicit one does as well.
+                // The implicit method's curve is not used: one step per sample, until the explicit method is found equally good.
                 assert!(integrator.steps().0 >= 10, "{:?}", integrator.steps());
             }
             worst = worst.max((x[0] - there[0]).abs()).max((x[1] - there[1]).abs());
         }
         assert!(worst < 1e-5, "{method:?}: {worst:e}");
-        // At most an eighth of the steps from sample to sample.
+        // At most 1/8 of the steps from sample to sample.
         let (made, _) = integrator.steps();
         assert!(made < 125, "{method:?}: {made}");
     }
@@ -185,18 +185,18 @@ fn a_bouncing_ball_hits_the_floor_when_it_should() {
 fn an_event_needs_a_change_of_sign_after_the_start() {
     let mut f = System(2, |_: f64, x: &[f64], dx: &mut [f64]| (dx[0], dx[1]) = (x[1], -x[0]), 0);
     let mut integrator = Integrator::new(2);
-    // sin t: 0 at the start, then again at π, and the state lands behind the change.
+    // sin t: 0 at the start, then again at π; the returned state lies behind the change.
     let mut x = [0.0, 1.0];
     assert_eq!(integrator.advance_until(&mut f, 0.0, 3.0, &mut x, &mut |_, x| x[0]).unwrap(), None);
     let mut x = [0.0, 1.0];
     let at =
         integrator.advance_until(&mut f, 0.0, 10.0, &mut x, &mut |_, x| x[0]).unwrap().unwrap();
     assert!((at - std::f64::consts::PI).abs() < 1e-6 && x[0] <= 0.0 && x[0] > -1e-11, "{at} {x:?}");
-    // Going on from there the next change is that at 2π, not the one just found.
+    // Continuing from there, the next change is that at 2π, not the one just found.
     let next =
         integrator.advance_until(&mut f, at, 10.0, &mut x, &mut |_, x| x[0]).unwrap().unwrap();
     assert!((next - 2.0 * std::f64::consts::PI).abs() < 1e-6, "{next}");
-    // An event in time alone, at the very end of the stretch.
+    // An event in time alone, at the end of the interval.
     let mut x = [0.0, 1.0];
     assert_eq!(
         integrator.advance_until(&mut f, 0.0, 0.25, &mut x, &mut |t, _| t - 0.25).unwrap(),

@@ -1,4 +1,4 @@
-//! A child process in a group of its own, its pipes read by threads, and the list of those that run.
+//! A child process in its own process group, with threads that read its pipes, and the list of running processes.
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -8,22 +8,22 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// What is kept of the words on standard error.
+/// Length of the stored standard error.
 const KEPT: usize = 2000;
-/// How often it is looked whether a process has ended.
+/// Interval of the checks whether a process has ended.
 const LOOK: Duration = Duration::from_millis(2);
 
-/// The variable of the environment by which whatever a simulator starts is known as its own, in whatever session.
+/// The environment variable that marks all processes started by a simulator, in any session.
 const MARK: &str = "DEADTIME_SIMULATOR";
-/// Looks for processes with a mark: one that is being started while it is looked escapes the first.
+/// Number of searches for marked processes: a process being started may escape the first.
 #[cfg(target_os = "linux")]
 const LOOKS: usize = 5;
 
-/// The processes that run just now; copies share one list.
+/// The running processes; copies share one list.
 #[derive(Debug, Clone, Default)]
 pub struct Children(Arc<Mutex<Begun>>);
 
-/// The processes with their marks, and how many there were.
+/// The processes with their marks, and their total number.
 #[derive(Debug, Default)]
 struct Begun {
     running: BTreeMap<u32, String>,
@@ -35,7 +35,7 @@ impl Children {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Ends all that run, with their own children.
+    /// Ends all running processes, with their own children.
     pub fn end_all(&self) {
         let running = std::mem::take(&mut self.lock().running);
         for (process, mark) in running {
@@ -44,17 +44,17 @@ impl Children {
         }
     }
 
-    /// How many run.
+    /// Number of running processes.
     #[must_use]
     pub fn running(&self) -> usize {
         self.lock().running.len()
     }
 }
 
-/// Kills processes, a group by its number below 0.
+/// Kills processes; a negative number denotes a group.
 #[cfg(unix)]
 fn kill(numbers: &[String]) {
-    // There is no way to signal without unsafe code; every Unix has the program.
+    // Signalling without unsafe code is impossible in the standard library; every Unix has the program.
     let kill = Command::new("kill")
         .args(["-KILL", "--"])
         .args(numbers)
@@ -64,13 +64,13 @@ fn kill(numbers: &[String]) {
     drop(kill);
 }
 
-/// Ends a process and what it started in its group.
+/// Ends a process and its group.
 #[cfg(unix)]
 fn end_group(process: u32) {
     kill(&[format!("-{process}")]);
 }
 
-/// Ends whatever has a mark in its environment, also in sessions of its own.
+/// Ends all processes with a mark in their environment, also in other sessions.
 #[cfg(target_os = "linux")]
 fn end_marked(mark: &str) {
     let variable = format!("{MARK}={mark}").into_bytes();
@@ -91,7 +91,7 @@ fn end_marked(mark: &str) {
     }
 }
 
-/// Elsewhere a process that begins a session of its own is not found.
+/// On other systems a process in its own session is not found.
 #[cfg(not(target_os = "linux"))]
 fn end_marked(_: &str) {}
 
@@ -105,7 +105,7 @@ fn end_group(process: u32) {
     drop(kill);
 }
 
-/// A process that is ended when nobody holds it any more.
+/// A process that is ended when it is dropped.
 #[derive(Debug)]
 pub(super) struct Running {
     pub(super) child: Child,
@@ -115,7 +115,7 @@ pub(super) struct Running {
     words: Words,
 }
 
-/// The end of what a process said on standard error, and the thread that listens.
+/// The end of the standard error of a process, and the thread that reads it.
 #[derive(Debug)]
 struct Words {
     said: Arc<Mutex<Vec<u8>>>,
@@ -143,10 +143,10 @@ impl Words {
 }
 
 impl Running {
-    /// Starts a command of the shell.
+    /// Starts a shell command.
     ///
     /// # Errors
-    /// As a phrase: what the operating system said.
+    /// The message of the operating system, as a phrase.
     pub(super) fn start(
         command: &str,
         folder: Option<&Path>,
@@ -169,7 +169,7 @@ impl Running {
         Ok(Self { child, ended: None, children: children.clone(), mark, words })
     }
 
-    /// Waits for its end; `None` where it does not come in time.
+    /// Waits for its end; `None` after the deadline.
     pub(super) fn wait(&mut self, until: Instant) -> Option<ExitStatus> {
         loop {
             if let Ok(Some(status)) = self.child.try_wait() {
@@ -183,7 +183,7 @@ impl Running {
         }
     }
 
-    /// Ends it, and what it started. Once it has ended its number may be another's.
+    /// Ends it, and its children. After its end its number may belong to another process.
     pub(super) fn end(&mut self) {
         if self.ended.is_none() {
             end_group(self.child.id());
@@ -193,7 +193,7 @@ impl Running {
         }
     }
 
-    /// Ends what it left behind when it ended.
+    /// Ends the processes that it left behind.
     pub(super) fn end_left(&self) {
         end_marked(&self.mark);
     }
@@ -203,10 +203,10 @@ impl Running {
         self.ended.is_some() || self.wait(Instant::now()).is_some()
     }
 
-    /// What it last said on standard error, as the end of a sentence; to be asked when it has ended.
+    /// The end of its standard error, as the end of a sentence; valid after the end of the process.
     pub(super) fn last_words(&mut self) -> String {
         if let Some(listener) = self.words.listener.take() {
-            // Whoever else holds the pipe may keep it open.
+            // Other holders of the pipe may keep it open.
             let until = Instant::now() + Duration::from_millis(200);
             while !listener.is_finished() && Instant::now() < until {
                 thread::sleep(LOOK);
@@ -246,7 +246,7 @@ fn shell(command: &str) -> Command {
     shell
 }
 
-/// How a process ended, in words.
+/// The exit of a process, in words.
 pub(super) fn ended(status: ExitStatus) -> String {
     match status.code() {
         Some(code) => format!("it ended with exit code {code}"),

@@ -1,7 +1,7 @@
-//! A program that is started for every run.
+//! A program started for every run.
 //!
-//! It reads a table from its standard input and writes one to its standard output, or to files where the command has `{in}` or `{out}`. Parameters and starts follow the
-//! command as `NAME=VALUE`; where it has `{NAME}`, the value takes that place.
+//! It reads a table from its standard input and writes one to its standard output, or to files for `{in}` or `{out}` in the command. Parameters and initial
+//! values follow the command as `NAME=VALUE`; a `{NAME}` in the command is replaced by the value.
 
 use std::fs::{File, write};
 use std::io::{Read, Write};
@@ -24,13 +24,13 @@ pub(super) struct EachRun {
     pub(super) children: Children,
 }
 
-/// A word that the shell takes as it is.
+/// A quoted shell word.
 fn shell_word(text: &str) -> String {
     if cfg!(unix) { format!("'{}'", text.replace('\'', "'\\''")) } else { format!("\"{text}\"") }
 }
 
 impl EachRun {
-    /// The command with everything in its place.
+    /// The command with all placeholders replaced.
     fn command(&self, asked: Asked<'_>, files: &[(&str, String); 2]) -> String {
         let mut command = self.program.command.clone();
         let mut arguments = String::new();
@@ -51,7 +51,7 @@ impl EachRun {
 }
 
 impl EachRun {
-    /// Ends a program that takes too long, and says so.
+    /// Ends a program after its time-out, and reports it.
     fn late(&self, running: &mut Running) -> String {
         running.end();
         let limit_s = self.program.timeout.as_secs_f64();
@@ -59,12 +59,12 @@ impl EachRun {
     }
 }
 
-/// How long output is waited for once a program has ended: what it left behind may hold its output open.
+/// Wait for output after the end of a program: its children may keep the output open.
 const HELD: Duration = Duration::from_millis(300);
-/// How often it is looked whether it has ended.
+/// Interval of the checks whether it has ended.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What a program prints, as it comes.
+/// The output of a program, in parts.
 struct Answer {
     parts: Receiver<std::io::Result<Vec<u8>>>,
     most: usize,
@@ -72,7 +72,7 @@ struct Answer {
 
 impl Answer {
     fn of(mut pipe: impl Read + Send + 'static, most: usize) -> Result<Self, String> {
-        // A program that prints faster than it is listened to waits.
+        // A program that prints faster than the reader waits.
         let (sender, parts) = sync_channel(8);
         let listen = move || {
             let mut part = vec![0; 1 << 16];
@@ -95,7 +95,7 @@ impl Answer {
 }
 
 impl EachRun {
-    /// All that a program prints until it ends.
+    /// The whole output of a program until its end.
     fn printed(
         &self,
         running: &mut Running,
@@ -134,7 +134,7 @@ fn too_much(most: usize) -> String {
     )
 }
 
-/// The file that a program wrote.
+/// The output file of a program.
 fn written(path: &Path, most: usize) -> Result<String, String> {
     let there = std::fs::metadata(path).map_err(|e| e.to_string())?;
     if !there.is_file() {
@@ -149,7 +149,7 @@ fn written(path: &Path, most: usize) -> Result<String, String> {
     String::from_utf8(bytes).map_err(|e| e.to_string())
 }
 
-/// Work on a thread of its own.
+/// Runs work on its own thread.
 fn on_thread(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), String> {
     let thread = thread::Builder::new().name(name.to_owned());
     thread.spawn(work).map(drop).map_err(|e| e.to_string())
@@ -182,7 +182,7 @@ impl Simulator for EachRun {
             &self.children,
         )?;
         if let Some(mut pipe) = running.child.stdin.take().filter(|_| !by_file) {
-            // A program that ends without reading all has its reasons; what it answers tells them.
+            // A program may end without reading all its input; its output decides.
             on_thread("deadtime stdin", move || drop(pipe.write_all(text.as_bytes())))?;
         }
         let most = table::most(&self.names, time_s.len());

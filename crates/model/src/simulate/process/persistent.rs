@@ -1,7 +1,7 @@
-//! A program that keeps running and is asked line by line.
+//! A program that keeps running and receives requests line by line.
 //!
-//! A request is a line `run N`, a line `parameter NAME VALUE` for every parameter, `start NAME VALUE` for every start, a header `time,INPUT,…` and N rows. The answer is a
-//! header and N rows, or one line `error WORDS`. The program ends when its standard input does.
+//! A request is a line `run N`, a line `parameter NAME VALUE` per parameter, `start NAME VALUE` per initial value. A header `time,INPUT,…` and N rows follow.
+//! The response is a header and N rows, or one line `error WORDS`. The program ends when its standard input does.
 
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -22,7 +22,7 @@ pub(super) struct Lines {
     program: Program,
     names: Names,
     children: Children,
-    /// The process; none before the first request, and after one that failed.
+    /// The process; none before the first request, and after a failed one.
     talk: Mutex<Option<Talking>>,
 }
 
@@ -30,7 +30,7 @@ pub(super) struct Lines {
 #[derive(Debug)]
 struct Talking {
     requests: Sender<String>,
-    /// `None` of a line that is too long.
+    /// `None` for a line that is too long.
     lines: Receiver<Option<String>>,
     // Last: the pipes are closed before the process is ended.
     running: Running,
@@ -39,7 +39,7 @@ struct Talking {
 impl Talking {
     fn start(program: &Program, children: &Children, longest: usize) -> Result<Self, String> {
         let mut running = Running::start(&program.command, program.folder.as_deref(), children)?;
-        // A program that prints faster than it is listened to waits.
+        // A program that prints faster than the reader waits.
         let ((requests, asked), (sender, lines)) = (channel::<String>(), sync_channel(WAITING));
         let (Some(mut pipe), Some(out)) = (running.child.stdin.take(), running.child.stdout.take())
         else {
@@ -79,21 +79,21 @@ impl Talking {
     }
 }
 
-/// Lines that wait to be read.
+/// Number of buffered lines.
 const WAITING: usize = 1000;
 /// Bytes of a line that is no row.
 const BANNER: usize = 64 << 10;
 
-/// The longest line that is taken, bytes.
+/// The longest accepted line, bytes.
 fn longest(names: &Names) -> usize {
     BANNER + table::line(names)
 }
 
-/// Why there is no answer.
+/// The reason for a missing response.
 enum Failed {
-    /// The program said so, and goes on.
+    /// The program reported an error, and continues.
     Said(String),
-    /// It is of no use any more.
+    /// The program is no longer usable.
     Broken(String),
 }
 
@@ -116,7 +116,7 @@ impl Lines {
     fn ask(&self, talk: &mut Talking, asked: Asked<'_>) -> Result<DMatrix<f64>, Failed> {
         let until = Instant::now() + self.program.timeout;
         let broken = |why: String| Failed::Broken(why);
-        // A closed pipe shows when the answer does not come.
+        // A closed pipe becomes visible as a missing response.
         let _ = talk.requests.send(self.request(asked));
         let samples = asked.time_s.len();
         let (mut columns, mut values) = (None, Vec::new());
@@ -205,7 +205,7 @@ impl Simulator for Lines {
                 *slot = Some(talk);
                 Err(why)
             }
-            // What may stand half-read in the pipe belongs to no later request: it is started anew.
+            // Data remaining in the pipe belongs to no later request: the program is restarted.
             Err(Failed::Broken(why)) => Err(why),
         }
     }

@@ -9,31 +9,31 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How a program is asked.
+/// The protocol of a program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Talk {
-    /// It is started for every run.
+    /// One process for every run.
     #[default]
     EachRun,
-    /// It is started once, and reads one request after the other.
+    /// One process for all runs, which reads one request after the other.
     Lines,
 }
 
 /// A program that simulates.
 #[derive(Debug, Clone)]
 pub struct Program {
-    /// The command, as the shell reads it. `{in}` and `{out}` stand for files of CSV, `{NAME}` for the value of a parameter or a start.
+    /// The shell command. `{in}` and `{out}` are replaced by CSV files, `{NAME}` by the value of a parameter or an initial value.
     pub command: String,
-    /// How it is asked.
+    /// Its protocol.
     pub talk: Talk,
-    /// The longest that one run may take.
+    /// The time-out of one run.
     pub timeout: Duration,
-    /// Where it runs; `None`: where we do.
+    /// Its working directory; `None`: the present one.
     pub folder: Option<PathBuf>,
 }
 
 impl Program {
-    /// The simulator, with the names of its channels. Its processes are listed in `children`, so that whoever is interrupted can end them.
+    /// The simulator, with the names of its channels. `children` lists its processes, so that an interrupted caller can end them.
     #[must_use]
     pub fn simulator(self, face: &Face, children: &Children) -> Arc<dyn Simulator> {
         let names = Names::of(face);
@@ -46,7 +46,7 @@ impl Program {
     }
 }
 
-/// What the columns, parameters and starts are called.
+/// The names of the columns, parameters and initial values.
 #[derive(Debug, Clone)]
 pub(super) struct Names {
     pub(super) inputs: Vec<String>,
@@ -77,7 +77,7 @@ pub(super) struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    /// Parameters and starts by name.
+    /// Parameters and initial values by name.
     pub(super) fn named<'n>(&self, names: &'n Names) -> Vec<(&'n str, f64)> {
         let parameters =
             names.parameters.iter().map(String::as_str).zip(self.parameters.iter().copied());

@@ -1,4 +1,4 @@
-//! The tables that go to a program and come back: CSV with a header, time first.
+//! The tables sent to and received from a program: CSV with a header, time first.
 
 use std::fmt::Write;
 
@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 
 use super::program::{Asked, Names};
 
-/// What is asked: a column of time and one per input.
+/// The request: a column of time and one per input.
 pub(super) fn written(asked: Asked<'_>, names: &Names) -> String {
     let mut text = String::with_capacity(16 * (asked.u.len() + asked.time_s.len()));
     text.push_str("time");
@@ -26,7 +26,7 @@ pub(super) fn written(asked: Asked<'_>, names: &Names) -> String {
     text
 }
 
-/// A name as CSV has it.
+/// A name in CSV quoting.
 pub(super) fn quoted(name: &str) -> String {
     if name.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", name.replace('"', "\"\""))
@@ -35,26 +35,26 @@ pub(super) fn quoted(name: &str) -> String {
     }
 }
 
-/// Bytes of an answer whatever is asked: banners and comments.
+/// Bytes allowed for banners and comments.
 const BANNERS: usize = 16 << 20;
-/// Bytes of a number, and columns other than those that are asked for.
+/// Bytes of a number, and columns in addition to the requested ones.
 const WIDE: (usize, usize) = (32, 8);
 
-/// The longest answer that is taken, bytes.
+/// The longest accepted output, bytes.
 pub(super) fn most(names: &Names, samples: usize) -> usize {
     let row = line(names);
     BANNERS.saturating_add(samples.saturating_mul(row))
 }
 
-/// The longest line of an answer, bytes, without banners.
+/// The longest line of an output, bytes, without banners.
 pub(super) fn line(names: &Names) -> usize {
     WIDE.0 * (names.outputs.len() + WIDE.1)
 }
 
-/// Where the outputs stand in a header.
+/// The column indices of the outputs in a header.
 ///
 /// # Errors
-/// As a phrase: which column is missing, and which there are.
+/// As a phrase: the missing column, and the present ones.
 pub(super) fn columns(header: &[String], names: &Names) -> Result<Vec<usize>, String> {
     // `speed [rad/s]` is the column speed.
     let bare = |text: &str| {
@@ -79,7 +79,7 @@ pub(super) fn columns(header: &[String], names: &Names) -> Result<Vec<usize>, St
 /// One row's outputs.
 ///
 /// # Errors
-/// As a phrase: the row, the column and what stands there.
+/// As a phrase: the row, the column and its text.
 pub(super) fn row(
     fields: &[&str],
     columns: &[usize],
@@ -98,7 +98,7 @@ pub(super) fn row(
     columns.iter().zip(&names.outputs).map(one).collect()
 }
 
-/// The answer of a program that has ended.
+/// The output of a program that has ended.
 ///
 /// # Errors
 /// As a phrase.

@@ -1,4 +1,4 @@
-//! Programs that flood, that hold on to pipes, and that leave something behind.
+//! Programs that flood their output, hold pipes open, or leave processes behind.
 
 #![cfg(target_os = "linux")]
 
@@ -32,7 +32,7 @@ fn run(simulator: &dyn Simulator) -> Result<DMatrix<f64>, String> {
     simulator.simulate(&u, &[0.0, 0.1, 0.2], &[], &[])
 }
 
-/// The processes that a command has started, by a word of their own in it.
+/// The processes started by a command, found by a unique word in it.
 fn left(word: &str) -> usize {
     let processes = std::fs::read_dir("/proc").unwrap().flatten();
     let command = |p: std::fs::DirEntry| std::fs::read(p.path().join("cmdline")).ok();
@@ -61,7 +61,7 @@ fn an_answer_without_an_end_is_refused_before_it_takes_memory() {
 #[test]
 fn what_begins_a_session_of_its_own_is_ended_as_well() {
     for (at, talk) in [Talk::EachRun, Talk::Lines].into_iter().enumerate() {
-        // Lengths that no other process sleeps.
+        // Sleep durations that no other process uses.
         let [seconds, inner] = [731_000 + at, 732_000 + at].map(|s| s.to_string());
         let command = format!(
             "setsid sleep {seconds} & (setsid sh -c 'sleep {inner} & sleep {inner}' &) & sleep {seconds} #"
@@ -69,7 +69,7 @@ fn what_begins_a_session_of_its_own_is_ended_as_well() {
         let (timed, _) = simulator(&command, talk, 0.7);
         assert!(run(&*timed).unwrap_err().contains("within 0.7 s"));
         assert_eq!((left(&seconds), left(&inner)), (0, 0), "{talk:?}");
-        // And where the one who waits is interrupted.
+        // The same with an interrupted caller.
         let (simulator, children) = simulator(&command, talk, 100.0);
         let ender = std::thread::spawn(move || {
             while children.running() == 0 {
