@@ -166,7 +166,7 @@ fn several_recordings_are_all_used() {
         let parts: Vec<Events> = (0..9)
             .map(|seed| {
                 let first = times(40, seed);
-                Events { second: shifted(&first, 2.2, 0.03, 60 + seed), first, units: [None, None] }
+                Events { second: shifted(&first, 2.2, 0.03, 60 + seed), first, ..Events::default() }
             })
             .collect();
         let one = run(method, parts[0].first.clone(), parts[0].second.clone());
@@ -190,9 +190,13 @@ fn several_recordings_are_all_used() {
 fn different_units_are_refused_or_standardised_when_told_so() {
     let first = times(200, 8);
     let second: Vec<f64> = shifted(&first, 1.7, 0.005, 9).iter().map(|t| 1000.0 * t).collect();
-    let experiment =
-        between(vec![Events { first, second, units: [Some("s".into()), Some("ms".into())] }])
-            .unwrap();
+    let experiment = between(vec![Events {
+        first,
+        second,
+        units: [Some("s".into()), Some("ms".into())],
+        ..Events::default()
+    }])
+    .unwrap();
     let refusal =
         EventCorrelation::default().estimate(&experiment, &Search::default()).unwrap_err();
     assert_eq!(refusal, DelayError::Units { first: "s".into(), second: "ms".into() });
@@ -281,4 +285,56 @@ fn wrong_event_files_are_refused_with_file_column_and_row() {
     assert!(output.status.code() == Some(2) && err.contains("--input"), "{err}");
     let (output, _, err) = deadtime(&good, &["--from", "3"]);
     assert!(output.status.code() == Some(2) && err.contains("--from"), "{err}");
+}
+
+/// Packets sent every 0.1 s, one row each: nothing but the row pairs them, and slow ones are overtaken.
+#[test]
+fn rows_pair_events_whose_intervals_hardly_vary() {
+    use deadtime::delay::EventsJob;
+    for seed in 0..20 {
+        let mut rng = rng(900 + seed);
+        let (least, scatter) = (rng.random_range(0.005..0.35), rng.random_range(0.005..0.08));
+        let (mut rows, mut sum, count) = (String::from("sent,received\n"), 0.0, 400);
+        for k in 0..count {
+            let sent = 0.1 * f64::from(k) + rng.random_range(-2e-4..2e-4);
+            let delay = least - scatter * rng.random_range(1e-9_f64..1.0).ln();
+            sum += delay;
+            rows += &format!("{sent:.6},{:.6}\n", sent + delay);
+        }
+        let folder = crate::support::program::Folder::new();
+        let path = folder.write("packets.csv", &rows);
+        let events = deadtime::log::read_events(&path, ["sent", "received"]).unwrap();
+        let job = EventsJob::new("packets.csv", ["sent", "received"], events);
+        let pair = job.run().unwrap().pairs.remove(0);
+        let [from, to] =
+            pair.verdict.ci95_s.unwrap_or_else(|| panic!("{seed} {least} {scatter}: {pair:?}"));
+        let truth = sum / f64::from(count);
+        assert!(from <= truth && truth <= to, "{seed}: {truth} {:?}", pair.verdict);
+        assert!(to - from < scatter, "{seed}: {:?}", pair.verdict);
+        assert_eq!(pair.jitter.unwrap().events, 400);
+        // An event that is lost at each place, at other times: the rows between hold two events.
+        let mut lines: Vec<Vec<&str>> = rows.lines().map(|l| l.split(',').collect()).collect();
+        let lost: Vec<&str> = lines.iter().map(|l| l[1]).collect();
+        for row in 100..lines.len() - 101 {
+            lines[row][1] = lost[row + 3];
+        }
+        let shifted: Vec<String> = lines.iter().map(|l| l.join(",")).collect();
+        let path = folder.write("lost.csv", &shifted.join("\n"));
+        let events = deadtime::log::read_events(&path, ["sent", "received"]).unwrap();
+        let pair =
+            EventsJob::new("lost.csv", ["sent", "received"], events).run().unwrap().pairs.remove(0);
+        assert!(
+            !pair.verdict.why.contains("rows")
+                && pair
+                    .estimates
+                    .iter()
+                    .all(|e| { e.note.as_deref().is_none_or(|n| !n.contains("rows pair")) })
+        );
+    }
+    // One row without its partner: the columns are sequences of their own, and must increase.
+    let folder = crate::support::program::Folder::new();
+    let path = folder.write("gap.csv", "a,b\n1,5\n2,\n3,4\n");
+    assert!(
+        deadtime::log::read_events(&path, ["a", "b"]).unwrap_err().to_string().contains("row 4")
+    );
 }

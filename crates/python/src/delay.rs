@@ -93,8 +93,12 @@ pub(super) fn _estimate_events<'py>(
 ) -> PyResult<Told<'py>> {
     let methods = chosen(&methods, &by_method(options)?, &[Scope::Events]).or_raise(py)?;
     let channels = [first.0.clone(), second.0.clone()];
-    let events =
-        [first, second].map(|(name, unit, times)| EventTimes { name, unit, times: vector(&times) });
+    let events = [first, second].map(|(name, unit, times)| EventTimes {
+        name,
+        unit,
+        times: vector(&times),
+        in_rows: false,
+    });
     let job = EventsJob {
         name,
         channels,

@@ -8,7 +8,7 @@ use serde::Serialize;
 use statrs::distribution::{Binomial, DiscreteCDF};
 
 use super::criteria::correlation;
-use super::offsets::{Matched, Paired, mean, median};
+use super::offsets::{Matched, PARTS, Paired, mean, median, rows};
 use crate::correlation::generalised::real;
 use crate::estimator::Search;
 use crate::experiment::Experiment;
@@ -17,8 +17,6 @@ use deadtime_signal::stats;
 
 /// Which quantiles are reported.
 const SHARES: [f64; 4] = [0.05, 0.5, 0.95, 0.99];
-/// Parts of the sequence whose typical delays are compared: a missed event shifts all later pairs by an interval.
-const PARTS: usize = 8;
 
 /// The delays of single events.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -54,19 +52,17 @@ impl Jitter {
         let window = experiment.sample_time().to_seconds(real(search.max_delay));
         let (mut delays, mut longest_s, mut count) = (Vec::new(), None::<f64>, 0.0);
         for events in experiment.events() {
-            let Ok(matched) = Matched::of(&events.first, &events.second, correlation, Some(window))
-            else {
-                continue;
+            let matched = Matched::of(&events.first, &events.second, correlation, Some(window));
+            let one: Vec<f64> = match (rows(events), matched) {
+                (Some(delays), _) => delays.to_vec(),
+                (None, Ok(matched)) if matched.is_whole() => matched.pairs.delays().collect(),
+                (None, Ok(matched)) => {
+                    let longest = matched.typical + matched.gate;
+                    longest_s = Some(longest_s.map_or(longest, |l| l.min(longest)));
+                    matched.by_time.iter().map(|p| p.1 - p.0).collect()
+                }
+                (None, Err(_)) => continue,
             };
-            let one: Vec<f64> = if matched.is_whole() {
-                matched.pairs.delays().collect()
-            } else {
-                matched.by_time.iter().map(|p| p.1 - p.0).collect()
-            };
-            if !matched.is_whole() {
-                let longest = matched.typical + matched.gate;
-                longest_s = Some(longest_s.map_or(longest, |l| l.min(longest)));
-            }
             let centre = mean(one.iter().copied());
             let apart: Vec<f64> = one.iter().map(|d| d - centre).collect();
             count += posterior::effective_samples(&apart);
@@ -137,7 +133,7 @@ mod tests {
                 seen.push(last);
             }
         }
-        let events = vec![Events { first: sent, second: seen, units: [None, None] }];
+        let events = vec![Events { first: sent, second: seen, ..Events::default() }];
         Experiment::of_events(SampleTime::new(1.0).unwrap(), ["sent", "seen"], events)
             .unwrap()
             .with_sample_time(SampleTime::new(0.01).unwrap())
@@ -192,7 +188,7 @@ mod tests {
                 })
                 .collect::<Vec<f64>>()
         };
-        let events = vec![Events { first: times(), second: times(), units: [None, None] }];
+        let events = vec![Events { first: times(), second: times(), ..Events::default() }];
         let experiment =
             Experiment::of_events(SampleTime::new(1.0).unwrap(), ["a", "b"], events).unwrap();
         assert_eq!(Jitter::of(&experiment, &Search::default()), None);

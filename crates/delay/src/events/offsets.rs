@@ -220,8 +220,15 @@ pub(super) fn one(
         scaled = second.iter().map(|t| t * scale).collect();
         second = &scaled;
     }
-    let matched =
-        Matched::of(first, second, criterion, if other_units { None } else { Some(window) })?;
+    let matched = match Matched::of(
+        first,
+        second,
+        criterion,
+        if other_units { None } else { Some(window) },
+    ) {
+        Ok(matched) => matched,
+        Err(without) => return by_rows(events).ok_or(without),
+    };
     let raw = mean(matched.pairs.delays());
     let by_time = &matched.by_time;
     let note = (by_time.len() < first.len().max(second.len())).then(|| {
@@ -230,6 +237,27 @@ pub(super) fn one(
     let (delay, variance) = if other_units { along_a_line(by_time) } else { across(by_time) };
     Ok(Shown { delay, variance, raw, note })
 }
+
+/// The delays of the events that the record itself pairs, where intervals that hardly vary do not distinguish the offsets; `None` where nothing pairs them, or the
+/// typical delay of a part of the record is nearer to a shift by an interval than to that of the whole: a row then holds two events.
+pub(super) fn rows(events: &Events) -> Option<&[f64]> {
+    let delays = events.in_rows.as_deref().filter(|d| d.len() > LEAST)?;
+    let typical = median(delays.to_vec());
+    let interval = median(events.first.windows(2).map(|w| w[1] - w[0]).collect());
+    let steady = |part: &[f64]| (median(part.to_vec()) - typical).abs() <= 0.5 * interval;
+    delays.chunks(delays.len().div_ceil(PARTS)).all(steady).then_some(delays)
+}
+
+/// The estimate from the rows.
+fn by_rows(events: &Events) -> Option<Shown> {
+    let pairs: Vec<(f64, f64)> = rows(events)?.iter().map(|delay| (0.0, *delay)).collect();
+    let (delay, variance) = across(&pairs);
+    let note = "the intervals do not distinguish the offsets; the rows pair the events";
+    Some(Shown { delay, variance, raw: delay, note: Some(note.to_owned()) })
+}
+
+/// Parts of the sequence whose typical delays are compared: a missed event shifts all later pairs by an interval.
+pub(super) const PARTS: usize = 8;
 
 /// The pairing of the events at the two places.
 pub(super) struct Matched<'a> {

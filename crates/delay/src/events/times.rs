@@ -11,6 +11,8 @@ pub struct Events {
     pub second: Vec<f64>,
     /// Units of the two sequences where known; seconds where not.
     pub units: [Option<String>; 2],
+    /// Delays of the events that the record itself pairs, one for each event of the first place, s; `None` where nothing pairs them.
+    pub in_rows: Option<Vec<f64>>,
 }
 
 impl Events {

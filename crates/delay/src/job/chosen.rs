@@ -22,8 +22,18 @@ impl Ready {
     /// Every sample method, with its default options.
     #[must_use]
     pub fn all() -> Vec<Self> {
-        let methods = every().filter(|m| m.scope != Scope::Events);
-        methods
+        Self::with(|scope| scope != Scope::Events)
+    }
+
+    /// Every method between event times, with its default options.
+    #[must_use]
+    pub fn of_events() -> Vec<Self> {
+        Self::with(|scope| scope == Scope::Events)
+    }
+
+    fn with(scope: impl Fn(Scope) -> bool) -> Vec<Self> {
+        every()
+            .filter(|m| scope(m.scope))
             .filter_map(|method| Some(Self { method, estimator: method.entry.with(none()).ok()? }))
             .collect()
     }

@@ -8,7 +8,6 @@ use crate::estimator::Search;
 use crate::events::jitter::Jitter;
 use crate::events::times::Events;
 use crate::experiment::Experiment;
-use crate::method::Scope;
 use crate::report::{FORMAT, Pair, Report, Searched};
 use crate::verdict::conclusion::RecordFacts;
 use deadtime_log::EventTimes;
@@ -42,7 +41,7 @@ impl EventsJob {
             name: name.into(),
             channels: channels.map(str::to_owned),
             events,
-            methods: Ready::all().into_iter().filter(|r| r.method.scope == Scope::Events).collect(),
+            methods: Ready::of_events(),
             max_delay_s: None,
             stop: Stop::default(),
         }
@@ -61,8 +60,17 @@ impl EventsJob {
             );
         }
         let units = [first.unit.clone(), second.unit.clone()];
-        let events =
-            vec![Events { first: first.times.clone(), second: second.times.clone(), units }];
+        let paired = first.in_rows && second.in_rows && units[0] == units[1];
+        let delays = || second.times.iter().zip(&first.times).map(|(b, a)| b - a).collect();
+        let in_rows = paired.then(delays);
+        let (first, mut later) = (first.times.clone(), second.times.clone());
+        if in_rows.is_some() {
+            later.sort_by(f64::total_cmp);
+            // Two events of one instant are one to the second place.
+            later.dedup();
+        }
+        let counts = [first.len(), later.len()];
+        let events = vec![Events { first, second: later, units, in_rows }];
         let experiment = Experiment::of_events(SampleTime::new(1.0)?, [a, b], events)?;
         let (interval_s, step) = self.interval()?;
         let max_delay = match self.max_delay_s {
@@ -83,7 +91,6 @@ impl EventsJob {
         }
         let jitter = Jitter::of(&experiment, &search);
         let pair = pair(a, b, &answers, Vec::new(), step, &RecordFacts::default());
-        let counts = [first.times.len(), second.times.len()];
         Ok(Report {
             format: FORMAT,
             log: name.clone(),

@@ -16,12 +16,14 @@ pub struct EventTimes {
     pub name: String,
     /// Its unit, where the header gives one.
     pub unit: Option<String>,
-    /// The times, increasing.
+    /// The times, increasing; with `in_rows` in the order of their rows.
     pub times: Vec<f64>,
+    /// Every row of the file has one event at both places: the times of both columns belong together, and those of the second place may not increase.
+    pub in_rows: bool,
 }
 
 /// Reads two columns of event times from a `.csv` or `.csv.gz` file: a header row, and in each column one time per event. A `time` column is not needed. The
-/// columns may hold different numbers of events: empty cells are ignored.
+/// columns may hold different numbers of events: empty cells are ignored. Where every row has both events, the second one's times need not increase.
 ///
 /// # Errors
 /// As [`crate::reader::read`]; [`LogError::EventOrder`] where times do not increase, [`LogError::MissingThroughout`] for a column without events.
@@ -55,22 +57,36 @@ pub fn read_events_from(
             .ok()
             .and_then(|cell| name_and_unit(cell).1)
             .map(ToOwned::to_owned);
-        found.push((place, EventTimes { name: column.into(), unit, times: Vec::new() }));
+        found.push((
+            place,
+            EventTimes { name: column.into(), unit, times: Vec::new(), in_rows: false },
+        ));
     }
+    let (mut in_rows, mut overtaking) = (true, None);
     while lines.next()? {
         lines.must_have(cells)?;
-        for (place, events) in &mut found {
+        let mut events_of_row = 0;
+        for (which, (place, events)) in found.iter_mut().enumerate() {
             let (cell, row, channel) = (lines.cell(*place), lines.row, events.name.clone());
             let found = parse(cell, lines.separator.allows_decimal_comma());
             let Some(time) = found.number(&file(), row, &channel, cell)? else { continue };
             if let Some(&before) = events.times.last().filter(|before| **before >= time) {
-                return Err(
-                    LogError::EventOrder { file: file(), row, channel, before, time }.into()
-                );
+                let wrong = LogError::EventOrder { file: file(), row, channel, before, time };
+                if which == 0 {
+                    return Err(wrong.into());
+                }
+                overtaking.get_or_insert(wrong);
             }
             events.times.push(time);
+            events_of_row += 1;
         }
+        in_rows &= events_of_row != 1;
     }
+    // Where a row has one event alone, the columns are sequences of their own.
+    if let Some(wrong) = overtaking.filter(|_| !in_rows) {
+        return Err(wrong.into());
+    }
+    found.iter_mut().for_each(|(_, events)| events.in_rows = in_rows);
     if let Some((_, empty)) = found.iter().find(|(_, events)| events.times.is_empty()) {
         return Err(
             LogError::MissingThroughout { file: file(), channel: empty.name.clone() }.into()
