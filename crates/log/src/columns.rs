@@ -4,7 +4,8 @@ use super::error::{Error, LogError};
 use super::numbers::Numbers;
 use super::options::{ReadOptions, TimeUnit};
 use super::recording::{Recording, Table};
-use crate::csv::clock::{named_time, seconds};
+use crate::csv::clock::seconds;
+use crate::csv::time_name::named_time;
 use crate::notes::Notes;
 use deadtime_signal::remedy::{Message, Remedy};
 

@@ -279,14 +279,12 @@ fn integrating(rng: &mut ChaCha8Rng) -> Drawn {
     Drawn { u, y, truth: Some(delay as f64 / FINE as f64), jumps: false }
 }
 
-/// A delayed copy: two sensors of one signal. By the convention that the answer takes the dead time is a sample less.
+/// A delayed copy: two sensors of one signal, of relative degree 0.
 fn copy(rng: &mut ChaCha8Rng) -> Drawn {
     let samples = rng.random_range(500..2000);
     let (u, delay) = (noise(rng, samples, 0.5, 1.0), FINE * rng.random_range(1..20_usize));
     let ratio = ratio(rng);
-    let mut drawn = stationary(rng, &Plant::lags(&[], 0.0, false), u, delay, ratio, 0.0);
-    drawn.truth = None;
-    drawn
+    stationary(rng, &Plant::lags(&[], 0.0, false), u, delay, ratio, 0.0)
 }
 
 fn direct(rng: &mut ChaCha8Rng) -> Drawn {
@@ -533,7 +531,7 @@ fn page(rows: &[Value], draws: u64, first: u64) -> String {
     let mut text = format!(
         "# Verdicts\n\n{draws} drawn records of each kind, seeds from {first}, by `verdict_study --table` (lab/src/bin/verdict_study.rs has the kinds); `scripts/verdict_gate --store`\nwrites this page. \
          Errors and widths are in samples, widths are medians. `oe_posterior` alone is what the verdict is held against, where both answer. Records of `jump` have a dead\ntime that jumps \
-         by two samples or more, those of `loop` are of a closed loop; all others are of open loops with one dead time. A `copy` has no truth here: it depends on the relative degree.\n\n\
+         by two samples or more, those of `loop` are of a closed loop; all others are of open loops with one dead time.\n\n\
          | kind | answered | interval holds | RMS | RMS of oe_posterior | its interval holds | width | width by oe_posterior's | said to move | said to be looped |\n\
          | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n"
     );

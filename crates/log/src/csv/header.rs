@@ -1,8 +1,9 @@
 //! The header row of a text table: the column of time, and the channels.
 
 use super::cell::{Cell, has_decimal_comma, parse, shown};
-use super::clock::{self, StampReader, Why, median_step, shortest};
+use super::clock::{StampReader, Why, median_step, shortest};
 use super::lines::{Lines, Separator};
+use super::{date, time_name};
 use crate::error::{Error, LogError};
 use crate::header::name_and_unit;
 use crate::notes::Notes;
@@ -84,7 +85,7 @@ fn holds_units(names: usize, time: usize, below: &[Vec<u8>]) -> bool {
     let of_unit = |cell: &Vec<u8>| {
         matches!(parse(cell, true), Cell::Text | Cell::Missing) || bare(cell) == "1"
     };
-    let timed = below.get(time).is_some_and(|cell| clock::unit(&bare(cell)).is_some());
+    let timed = below.get(time).is_some_and(|cell| time_name::unit(&bare(cell)).is_some());
     timed && below.len() >= names && below.iter().all(of_unit)
 }
 
@@ -92,7 +93,8 @@ fn holds_units(names: usize, time: usize, below: &[Vec<u8>]) -> bool {
 /// `Second,Volt`.
 fn first_by_unit(names: &mut Names, below: &[Vec<u8>], options: &ReadOptions, notes: &mut Notes) {
     let named = |(place, (name, _)): (usize, &(String, Option<String>))| {
-        clock::named(name, place == 0).is_some() || clock::unknown_unit(name, place == 0).is_some()
+        time_name::named(name, place == 0).is_some()
+            || time_name::unknown_unit(name, place == 0).is_some()
     };
     let number = |(name, _): &(String, Option<String>)| {
         matches!(parse(name.as_bytes(), true), Cell::Number(_))
@@ -260,7 +262,7 @@ impl Header {
             Err(error) => {
                 let row = lines.row;
                 let numbers = names.iter().all(|(name, _)| {
-                    matches!(parse(name.as_bytes(), true), Cell::Number(_)) || clock::is_stamp(name)
+                    matches!(parse(name.as_bytes(), true), Cell::Number(_)) || date::is_stamp(name)
                 });
                 let searched = notes.iter().any(|note| note.contains(PREAMBLE));
                 if searched || !options.columns.is_empty() || !table_below(lines, options)? {
@@ -381,7 +383,7 @@ impl Header {
         let found = match parse(time, self.decimal_comma) {
             Cell::Missing => Cell::NotFinite,
             Cell::Number(_) | Cell::Text => {
-                let half = std::str::from_utf8(time).is_ok_and(clock::is_half_a_clock);
+                let half = std::str::from_utf8(time).is_ok_and(date::is_half_a_clock);
                 let (file, column) = (source.to_owned(), self.clock.column.clone());
                 return Err(LogError::NotATime { file, row, column, text: shown(time), half });
             }
@@ -484,7 +486,7 @@ fn table_below(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<bool, Err
         let Ok((time, _)) = time_column(lines, &names, options) else { continue };
         let stamp = |cell: &Vec<u8>| {
             let text = std::str::from_utf8(cell).unwrap_or_default().trim();
-            matches!(parse(cell, true), Cell::Number(_)) || clock::is_stamp(text)
+            matches!(parse(cell, true), Cell::Number(_)) || date::is_stamp(text)
         };
         let alike = (names.len()..=names.len() + 1).contains(&below.len());
         // A row that begins with a word below its first name is of names and values still.
@@ -511,8 +513,8 @@ fn separate_date(
         name.is_some_and(|n| known.contains(&n.as_str())) && text(place).is_some_and(test)
     };
     let places = || 0..names.len();
-    let of_day = |t: &str| t.contains(':') && clock::time_of_day(t).is_some();
-    let date = places().find(|p| is(*p, &DATES, &|t| !t.contains(':') && clock::is_date(t)))?;
+    let of_day = |t: &str| t.contains(':') && date::time_of_day(t).is_some();
+    let date = places().find(|p| is(*p, &DATES, &|t| !t.contains(':') && date::is_date(t)))?;
     let time = places().find(|p| is(*p, &TIMES, &of_day))?;
     let named = options.time.as_ref().is_none_or(|wanted| {
         [date, time].iter().any(|p| names.get(*p).is_some_and(|(name, _)| name == wanted))
@@ -537,7 +539,7 @@ pub(super) fn time_column(
             LogError::unknown_channel(lines.file, wanted, known)
         })?,
         None => {
-            let called = |place: usize, name: &str| clock::named(name, place == 0).is_some();
+            let called = |place: usize, name: &str| time_name::named(name, place == 0).is_some();
             let plain = names.iter().position(|(name, _)| name == "time");
             plain
                 .or_else(|| {
@@ -546,7 +548,7 @@ pub(super) fn time_column(
                 // A column of time in a unit that is not known.
                 .or_else(|| {
                     let strange = |(place, (name, _)): (usize, &(String, Option<String>))| {
-                        clock::unknown_unit(name, place == 0).is_some()
+                        time_name::unknown_unit(name, place == 0).is_some()
                     };
                     names.iter().enumerate().position(strange)
                 })
@@ -562,14 +564,14 @@ pub(super) fn time_column(
     if let Some(given) = options.time_unit {
         return Ok((time, Some((given, Why::Given))));
     }
-    let bracket = bracket.map(str::to_owned).or_else(|| clock::unknown_unit(name, time == 0));
+    let bracket = bracket.map(str::to_owned).or_else(|| time_name::unknown_unit(name, time == 0));
     let unit = match bracket.as_deref() {
-        Some(text) => Some(clock::unit(text).ok_or_else(|| LogError::TimeUnit {
+        Some(text) => Some(time_name::unit(text).ok_or_else(|| LogError::TimeUnit {
             file: file(),
             row: lines.row,
             unit: shown(text.as_bytes()),
         })?),
-        None => clock::named(name, time == 0).flatten(),
+        None => time_name::named(name, time == 0).flatten(),
     };
     if unit.is_none() && name == "time" && names.iter().any(|(name, _)| name == LOOPS) {
         return Ok((time, Some((TimeUnit::Us, Why::Writer))));
@@ -585,14 +587,16 @@ pub(super) fn unnamed_first(
     options: &ReadOptions,
     notes: &mut Notes,
 ) -> bool {
-    let time =
-        names.iter().enumerate().any(|(place, (name, _))| clock::named(name, place == 0).is_some());
+    let time = names
+        .iter()
+        .enumerate()
+        .any(|(place, (name, _))| time_name::named(name, place == 0).is_some());
     let Some((name, None)) = names.first_mut() else { return false };
     if !name.is_empty() || names_time(options, "") {
         return false;
     }
     let text = std::str::from_utf8(below).unwrap_or_default();
-    if !time && options.time.is_none() && clock::is_date(text) {
+    if !time && options.time.is_none() && date::is_date(text) {
         *name = "time".to_owned();
         notes.push("column 1 has no name and holds dates: it is taken as the time".to_owned());
         return false;

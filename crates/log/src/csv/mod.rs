@@ -5,6 +5,7 @@
 
 mod cell;
 pub(crate) mod clock;
+mod date;
 mod entities;
 pub(crate) mod events;
 pub(super) mod follow;
@@ -14,8 +15,10 @@ mod instances;
 mod lines;
 mod number;
 mod partial;
+mod slashes;
 mod sparse;
 pub(crate) mod table;
+pub(crate) mod time_name;
 mod utf16;
 mod write;
 
