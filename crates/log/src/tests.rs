@@ -105,12 +105,12 @@ fn context_columns_of_text_load_and_are_refused_only_when_asked_for() {
 // Refused files.
 
 #[test]
-fn missing_file_says_what_the_system_said() {
+fn a_missing_file_is_named_with_what_is_missing_of_its_path() {
     let error = read("/nowhere/a.csv".as_ref()).unwrap_err();
     assert!(
         matches!(&error, Error::File(deadtime_signal::file::FileError::Io { reason, .. }) if reason.kind() == std::io::ErrorKind::NotFound)
     );
-    says(&error, &["/nowhere/a.csv", "No such file"]);
+    says(&error, &["/nowhere/a.csv", "no folder /nowhere"]);
 }
 
 #[test]
