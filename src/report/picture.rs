@@ -196,6 +196,7 @@ mod tests {
             findings: Vec::new(),
             poor_std_s: None,
             standing_off: 0,
+            two_sensors: false,
             estimates: ["oestruc", "arxstruc"]
                 .iter()
                 .zip([&found, &none])

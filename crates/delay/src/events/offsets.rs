@@ -238,7 +238,7 @@ pub(super) fn one(
     Ok(Shown { delay, variance, raw, note })
 }
 
-/// The delays of the events that the record itself pairs, where intervals that hardly vary do not distinguish the offsets; `None` where nothing pairs them, or the
+/// The delays of the events that the record itself pairs, where nearly constant intervals do not distinguish the offsets; `None` where nothing pairs them, or the
 /// typical delay of a part of the record is nearer to a shift by an interval than to that of the whole: a row then holds two events.
 pub(super) fn rows(events: &Events) -> Option<&[f64]> {
     let delays = events.in_rows.as_deref().filter(|d| d.len() > LEAST)?;
