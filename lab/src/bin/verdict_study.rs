@@ -279,12 +279,13 @@ fn integrating(rng: &mut ChaCha8Rng) -> Drawn {
     Drawn { u, y, truth: Some(delay as f64 / FINE as f64), jumps: false }
 }
 
-/// A delayed copy: two sensors of one signal, of relative degree 0.
+/// A delayed copy: two sensors of one signal, of relative degree 0. The hold of the simulation adds a sample to the delay.
 fn copy(rng: &mut ChaCha8Rng) -> Drawn {
     let samples = rng.random_range(500..2000);
     let (u, delay) = (noise(rng, samples, 0.5, 1.0), FINE * rng.random_range(1..20_usize));
     let ratio = ratio(rng);
-    stationary(rng, &Plant::lags(&[], 0.0, false), u, delay, ratio, 0.0)
+    let drawn = stationary(rng, &Plant::lags(&[], 0.0, false), u, delay, ratio, 0.0);
+    Drawn { truth: drawn.truth.map(|samples| samples + 1.0), ..drawn }
 }
 
 fn direct(rng: &mut ChaCha8Rng) -> Drawn {
