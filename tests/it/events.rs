@@ -338,3 +338,24 @@ fn rows_pair_events_whose_intervals_hardly_vary() {
         deadtime::log::read_events(&path, ["a", "b"]).unwrap_err().to_string().contains("row 4")
     );
 }
+
+/// The second place missed the first events and saw others later: every row holds two events, by a constant shift. The intervals show it.
+#[test]
+fn rows_that_contradict_the_intervals_pair_nothing() {
+    use deadtime::delay::EventsJob;
+    for seed in 0..10 {
+        let first = times(200, 40 + seed);
+        let second = shifted(&first, 0.3, 0.01, 60 + seed);
+        let shift = 1 + seed as usize % 3;
+        let rows: Vec<String> =
+            first.iter().zip(&second[shift..]).map(|(a, b)| format!("{a:.6},{b:.6}")).collect();
+        let folder = crate::support::program::Folder::new();
+        let path = folder.write("late.csv", &format!("a,b\n{}\n", rows.join("\n")));
+        let events = deadtime::log::read_events(&path, ["a", "b"]).unwrap();
+        let pair = EventsJob::new("late.csv", ["a", "b"], events).run().unwrap().pairs.remove(0);
+        let delay_s = pair.verdict.delay_s.unwrap();
+        assert!((delay_s - 0.3).abs() < 0.01, "{seed}: {:?}", pair.verdict);
+        let median_s = pair.jitter.unwrap().quantiles[1].delay_s;
+        assert!((median_s - 0.3).abs() < 0.01, "{seed}: {median_s}");
+    }
+}

@@ -53,7 +53,12 @@ impl Jitter {
         let (mut delays, mut longest_s, mut count) = (Vec::new(), None::<f64>, 0.0);
         for events in experiment.events() {
             let matched = Matched::of(&events.first, &events.second, correlation, Some(window));
-            let one: Vec<f64> = match (rows(events), matched) {
+            // Rows that are shifted by an event contradict the intervals.
+            let agree = |delays: &&[f64]| {
+                let near = |m: &Matched<'_>| (median(delays.to_vec()) - m.typical).abs() <= m.gate;
+                matched.as_ref().map_or(true, near)
+            };
+            let one: Vec<f64> = match (rows(events).filter(agree), matched) {
                 (Some(delays), _) => delays.to_vec(),
                 (None, Ok(matched)) if matched.is_whole() => matched.pairs.delays().collect(),
                 (None, Ok(matched)) => {

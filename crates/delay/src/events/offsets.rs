@@ -241,7 +241,8 @@ pub(super) fn one(
 /// The delays of the events that the record itself pairs, where nearly constant intervals do not distinguish the offsets; `None` where nothing pairs them, or the
 /// typical delay of a part of the record is nearer to a shift by an interval than to that of the whole: a row then holds two events.
 pub(super) fn rows(events: &Events) -> Option<&[f64]> {
-    let delays = events.in_rows.as_deref().filter(|d| d.len() > LEAST)?;
+    let usable = |d: &&[f64]| d.len() > LEAST && d.iter().all(|delay| delay.is_finite());
+    let delays = events.in_rows.as_deref().filter(usable)?;
     let typical = median(delays.to_vec());
     let interval = median(events.first.windows(2).map(|w| w[1] - w[0]).collect());
     let steady = |part: &[f64]| (median(part.to_vec()) - typical).abs() <= 0.5 * interval;

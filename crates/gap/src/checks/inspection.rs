@@ -310,8 +310,7 @@ fn checks(
     let predictor =
         Predictor::of(&system, &records, &poles, probed.as_ref(), None, &Criteria::default());
     let free = predictor.gains.is_empty() && subject.nuisances().is_empty();
-    let predicted =
-        free.then(|| free_runs(&system, &model_effects, &records)).transpose()?.flatten();
+    let predicted = if free { free_runs(&system, &model_effects, &records) } else { None };
     let mut checks =
         every::checks(&system, &model_effects, &records, predictor, &far.part(SIMULATED, 1.0))
             .checks;
@@ -324,12 +323,12 @@ fn free_runs(
     system: &System,
     model_effects: &[Applied],
     records: &[LogRecord],
-) -> Result<Option<Vec<DMatrix<f64>>>> {
-    let plan = Applied::plan(system, model_effects, Chance::Mean)?;
+) -> Option<Vec<DMatrix<f64>>> {
+    let plan = Applied::plan(system, model_effects, Chance::Mean).ok()?;
     let run = |record: &LogRecord| {
         let start = if system.restart.is_some() { &record.start } else { &system.initial };
         let run = system.simulate(&plan, record.commands(), start, None).ok()?;
         run.y.iter().all(|v| v.is_finite()).then_some(run.y)
     };
-    Ok(records.iter().map(run).collect())
+    records.iter().map(run).collect()
 }
