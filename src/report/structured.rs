@@ -87,6 +87,15 @@ pub(super) fn meaning(found: &StructuredFit, standing: Standing) -> Option<&'sta
     found.parameters.iter().any(|p| p.standing == standing).then_some(said)
 }
 
+/// The number of parameters that the logs determine.
+pub(super) fn determined(found: &StructuredFit) -> String {
+    format!(
+        "The logs determine {:.1} of {} parameters; shrinkage towards the file's values determines the rest.",
+        found.determined,
+        found.parameters.len()
+    )
+}
+
 /// A standing as a word.
 pub(super) fn standing(of: Standing) -> &'static str {
     match of {
@@ -102,7 +111,7 @@ pub(super) fn standing(of: Standing) -> &'static str {
 #[must_use]
 pub fn text(found: &StructuredFit) -> String {
     let mut text = format!(
-        "{}: {} parameters over {} windows of {} steps of {} s ({} clusters, {} Runge-Kutta step{} a sample), shrinkage {:.2e}{}.\n\n",
+        "{}: {} parameters over {} windows of {} steps of {} s ({} clusters, {} Runge-Kutta step{} a sample). {}{}\n\n",
         found.name,
         found.parameters.len(),
         found.windows,
@@ -111,8 +120,8 @@ pub fn text(found: &StructuredFit) -> String {
         found.clusters,
         found.substeps,
         if found.substeps == 1 { "" } else { "s" },
-        found.shrinkage,
-        if found.converged { "" } else { "; the search did not end at a minimum" }
+        determined(found),
+        if found.converged { "" } else { " The search did not end at a minimum." }
     );
     let mut table = Table::new(
         &["parameter", "unit", "file", "found", "95 % interval", "one step ahead", "standing"],

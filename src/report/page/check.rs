@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::bars::{bar, stretch};
 use super::frame::{Cell, figure, named, number, page, percent, quoted, sorted};
-use super::series::{brief, picked};
+use super::series::{picked, thinned};
 use crate::report::diagnosis::base;
 use deadtime_gap::{Inspection, LogReport, Role};
 
@@ -21,15 +21,6 @@ pub struct Measured {
     pub measured: Vec<f64>,
     /// A free run of the model.
     pub simulated: Vec<f64>,
-}
-
-/// Points of a curve that are drawn.
-const POINTS: usize = 2000;
-
-/// Means of neighbouring values, as many as are drawn.
-fn thinned(values: &[f64]) -> Vec<Option<f64>> {
-    let parts = values.chunks(values.len().div_ceil(POINTS).max(1));
-    parts.map(|p| brief(p.iter().sum::<f64>() / p.len() as f64)).collect()
 }
 
 fn view(curve: &Measured) -> Value {

@@ -8,7 +8,7 @@ use super::bars::{bar, stretch};
 use super::bode;
 use super::bode::Curve;
 use super::frame::{Cell, figure, given, number, page, quoted, sorted};
-use super::series::{brief, picked};
+use super::series::{brief, picked, thinned};
 use crate::report::diagnosis::base;
 use crate::report::identify::{FREQUENCIES, Report, candidates, parameters, poles, seconds};
 use deadtime_identify::subspace::{Band, InnovationsModel, Named, Response, Root, Stretch};
@@ -73,20 +73,12 @@ pub fn identify(report: &Report<'_>) -> Result<String, ModelError> {
     Ok(page(&format!("Model of {named}"), &body, &data))
 }
 
-/// Points of a curve that are drawn.
-const POINTS: usize = 2000;
 /// Records that are drawn.
 const RECORDS: usize = 10;
 /// Longest step response, samples.
 const LONGEST: usize = 2000;
 /// The step response is settled where it stays within this share of its size.
 const SETTLED: f64 = 0.005;
-
-/// Means of neighbouring values, as many as are drawn.
-fn thinned(values: &[f64]) -> Vec<Option<f64>> {
-    let parts = values.chunks(values.len().div_ceil(POINTS).max(1));
-    parts.map(|p| brief(p.iter().sum::<f64>() / p.len() as f64)).collect()
-}
 
 /// A label with its unit.
 fn labelled(named: &Named) -> String {

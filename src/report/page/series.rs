@@ -15,6 +15,8 @@ pub(super) struct Thinning {
 const POINTS: usize = 800_000;
 /// Between this many sample times and a whole number of them, a time axis is even.
 const EVEN: f64 = 1e-6;
+/// Points of a curve of means.
+const MEANS: usize = 2000;
 /// The code of a missing sample; values have those below.
 const MISSING: u16 = u16::MAX;
 
@@ -125,6 +127,16 @@ pub(super) fn briefly(values: impl IntoIterator<Item = f64>) -> Vec<Option<f64>>
     values.into_iter().map(brief).collect()
 }
 
+/// Means of neighbouring values, NaN left out; at most [`MEANS`] of them.
+pub(super) fn thinned(values: &[f64]) -> Vec<Option<f64>> {
+    let parts = values.chunks(values.len().div_ceil(MEANS).max(1));
+    let mean = |part: &[f64]| {
+        let known = || part.iter().filter(|v| !v.is_nan());
+        brief(known().sum::<f64>() / known().count() as f64)
+    };
+    parts.map(mean).collect()
+}
+
 /// A name with its unit, as the label of an axis; nothing where the unit is 1.
 pub(super) fn labelled(name: &str, unit: Option<&str>) -> String {
     unit.filter(|u| *u != "1").map_or_else(|| name.to_owned(), |u| format!("{name} ({u})"))
@@ -232,6 +244,18 @@ mod tests {
         let time: Vec<f64> = (0..y.len()).map(|i| i as f64 * 0.01).collect();
         let times = thinning.times(&time);
         assert_eq!(times["count"].as_u64().map(|n| n as usize), Some(read.len()), "{times}");
+    }
+
+    #[test]
+    fn means_leave_missing_samples_out() {
+        let values: Vec<f64> = (0..8000)
+            .map(|k| if k % 4 == 1 || k < 4 { f64::NAN } else { (k / 4) as f64 })
+            .collect();
+        let read = thinned(&values);
+        assert_eq!(
+            (read.len(), read[0], read[1], read[1999]),
+            (2000, None, Some(1.0), Some(1999.0))
+        );
     }
 
     #[test]

@@ -5,10 +5,13 @@ use serde_json::{Value, json};
 
 use super::bars::{bar, dot, stretch};
 use super::frame::{Cell, figure, page, quoted, sorted};
-use super::series::{briefly, picked};
-use crate::report::structured::{digits, fitted, how_unseen, meaning, standing};
+use super::series::{briefly, labelled, picked, thinned};
+use crate::report::diagnosis::base;
+use crate::report::structured::{determined, digits, fitted, how_unseen, meaning, standing};
 use crate::report::terminal::axis::Axis;
-use deadtime_identify::structured::{FreeParameter, GroupScore, Standing, StructuredFit, Unseen};
+use deadtime_identify::structured::{
+    FreeParameter, GroupScore, Standing, StructuredFit, Unseen, WindowRun,
+};
 use deadtime_signal::stats::NORMAL_95;
 
 /// The axis of the parameters, in times the file's value: values beyond are an arrow at its end.
@@ -30,13 +33,19 @@ pub fn structured(found: &StructuredFit) -> String {
         p .verdict { strong { (found.parameters.len()) } " parameters: " (said.join(", ")) "." }
         @if !found.converged { p { strong { "Beware: " } "the search did not end at a minimum." } }
         p .faint {
-            (found.windows) " windows of " (found.horizon) " steps of " (found.sample_time_s) " s in " (found.clusters) " clusters; shrinkage towards the file " (format!("{:.2e}", found.shrinkage)) "."
+            (found.windows) " windows of " (found.horizon) " steps of " (found.sample_time_s) " s in " (found.clusters) " clusters. " (determined(found))
         }
         h2 { "Parameters" }
         (parameters(&found.parameters.iter().map(drawn).collect::<Vec<_>>(), true))
         @for said in [Standing::Surrogate, Standing::Open, Standing::Unchecked].into_iter().filter_map(|s| meaning(found, s)) { p { (said) } }
         (not_identifiable(&found.unseen, &found.trades))
         @if !found.per_record.is_empty() { h2 { "What stands off by record" } (by_record(found)) }
+        @if !found.runs.is_empty() {
+            h2 { "Measured and predicted" }
+            p { (if found.held_out.is_some() { "Held-out logs. " } else { "Training logs. " }) "Each window of " (found.horizon) " steps is predicted from its measured start." }
+            p { span .key.measured { "measured" } span .key.before { "the file's model" } span .key.after { "fitted" } }
+            (figure("run", "The predictions"))
+        }
         h2 { "Errors over the horizon" }
         p { "Mean absolute error so many steps after a window's start, of the model as the file has it and as it was fitted." }
         (figure("errors", "The picture"))
@@ -196,5 +205,24 @@ fn figures(found: &StructuredFit) -> Vec<Value> {
             before.iter().zip(after).map(|(b, a)| view(which, b, a)).collect::<Vec<_>>()
         })
         .collect();
-    picked("errors", &["logs", "group"], views).into_iter().collect()
+    let runs = picked("run", &["output", "record"], runs(&found.runs));
+    runs.into_iter().chain(picked("errors", &["logs", "group"], views)).collect()
+}
+
+/// Every output of every record: measured, and predicted by both models.
+fn runs(all: &[WindowRun]) -> Vec<Value> {
+    let view = |run: &WindowRun| {
+        let [before, after] = &run.predicted;
+        json!({
+            "kind": "lines", "keys": [run.output, base(&run.source)],
+            "about": format!("{}, measured and predicted", run.output),
+            "x": { "label": "time (s)", "values": thinned(&run.time_s), "tight": true }, "y": { "label": labelled(&run.output, run.unit.as_deref()) },
+            "curves": [
+                { "label": "measured", "y": thinned(&run.measured), "color": "measured", "points": false },
+                { "label": "the file's model", "y": thinned(before), "color": "before", "points": false },
+                { "label": "fitted", "y": thinned(after), "color": "after", "points": false },
+            ],
+        })
+    };
+    all.iter().map(view).collect()
 }

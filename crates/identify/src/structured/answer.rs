@@ -8,6 +8,7 @@ use super::fitted::Fitted;
 use super::free::Quantity;
 use super::known::{Known, RESOLVED, Standing, Unseen, at_least, standing};
 use super::problem::StructuredProblem;
+use super::runs::WindowRun;
 use super::score::GroupScore;
 use deadtime_model::EquationsFile;
 use deadtime_signal::fit::{Normal, Stopped};
@@ -61,10 +62,16 @@ pub struct StructuredFit {
     pub clusters: usize,
     /// λ, relative to the cost of the weighted errors.
     pub shrinkage: f64,
+    /// Effective number of the parameters that the logs determine; the shrinkage determines the others. γ = n − tr(Λ (N + Λ)⁻¹), `MacKay` (1992),
+    /// doi:10.1162/neco.1992.4.3.415.
+    pub determined: f64,
     /// The search ended at a minimum.
     pub converged: bool,
     /// Its last iteration count.
     pub iterations: usize,
+    /// Measured and predicted outputs, of held-out logs where there are any.
+    #[serde(skip)]
+    pub runs: Vec<WindowRun>,
     /// Errors on the training logs: the file's model, the fitted one.
     pub training: [Vec<GroupScore>; 2],
     /// The same on logs held out.
@@ -159,6 +166,15 @@ pub(super) fn covariance(
         }
     }
     (covariance, bare / kappa)
+}
+
+/// γ of the shared parameters.
+fn determined(problem: &StructuredProblem<'_>, fitted: &Fitted) -> f64 {
+    let with = problem.normal(&fitted.clusters, &fitted.z, &fitted.prior).information;
+    let count = problem.free.len();
+    let Some(inverse) = with.cholesky().map(|c| c.inverse()) else { return 0.0 };
+    let held: f64 = (0..count).map(|i| fitted.prior[i] * inverse[(i, i)]).sum();
+    (count as f64 - held).clamp(0.0, count as f64)
 }
 
 /// Value and standard deviation of each shared parameter.
@@ -256,10 +272,12 @@ pub(super) fn answer(
         windows: 0,
         clusters: fitted.clusters.len(),
         shrinkage: fitted.prior.first().copied().unwrap_or(fitted.shrinkage),
+        determined: determined(problem, fitted),
         converged: fitted.fit.stopped.converged()
             || fitted.fit.stopped == Stopped::Stalled
                 && fitted.fit.normal.slope(&vec![true; fitted.z.len()]) < 1e-3,
         iterations: fitted.fit.iterations,
+        runs: Vec::new(),
         training: [Vec::new(), Vec::new()],
         held_out: None,
         model: None,

@@ -7,10 +7,11 @@ use super::free::{self, Quantity};
 use super::group::Group;
 use super::problem::{Starts, StructuredProblem, Weights, clusters};
 use super::record::{LogRecord, WindowLayout};
+use super::runs::WindowRun;
 use super::score::GroupScore;
 use super::starts::{self, Search};
 use super::window::Simulator;
-use super::{answer, record, shrinkage};
+use super::{answer, record, runs, shrinkage};
 use crate::error::Result;
 use deadtime_log::Log;
 use deadtime_model::{Equations, EquationsFile};
@@ -214,6 +215,29 @@ pub fn score(
     Ok(super::score::score(&problem, &lengths))
 }
 
+/// Measured outputs, with the predictions of the file's model and of the fitted one.
+fn window_runs(
+    [file, fitted]: [&EquationsFile; 2],
+    logs: &[Log],
+    horizon: usize,
+    stride: usize,
+) -> Result<Vec<WindowRun>> {
+    let logs = &logs[..logs.len().min(runs::RECORDS)];
+    let units: Vec<_> = file.outputs.iter().map(|o| (o.name.clone(), o.unit.clone())).collect();
+    let layout = WindowLayout { horizon, stride };
+    let of = |model: &EquationsFile| {
+        let prepared = Prepared::new(model, logs)?;
+        let records = prepared.records(logs, layout)?;
+        let mut problem = prepared.problem(&records, horizon, Vec::new(), Vec::new());
+        refined(&mut problem)?;
+        let predicted = runs::predictions(&problem);
+        Ok::<_, crate::Error>((records, predicted))
+    };
+    let step_s = Prepared::new(file, logs)?.step_s;
+    let ((records, before), (_, after)) = (of(file)?, of(fitted)?);
+    Ok(runs::paired(&records, &units, step_s, [&before, &after]))
+}
+
 /// Errors of the nominal model at a step that is short enough: a shorter one changes no mean error noticeably.
 pub(super) fn refined(problem: &mut StructuredProblem<'_>) -> Result<Vec<Vec<Vec<f64>>>> {
     let z = vec![0.0; problem.unknowns()];
@@ -301,6 +325,8 @@ impl Structured {
         if !held_out.is_empty() {
             answer.held_out = Some([every(held_out, file)?, every(held_out, &model)?]);
         }
+        let shown = if held_out.is_empty() { logs } else { held_out };
+        answer.runs = window_runs([file, &model], shown, self.horizon, stride)?;
         answer.windows = problem.clusters.iter().map(|c| c.starts.len()).sum();
         answer.model = Some(model);
         Ok(answer)

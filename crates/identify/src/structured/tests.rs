@@ -292,6 +292,48 @@ fn a_dead_time_far_from_the_files_is_found_and_shrinkage_does_not_hold_it() {
 }
 
 #[test]
+fn runs_are_the_predictions_that_the_errors_summarise() {
+    let [train, held_out] = [40, 41].map(|seed| vec![lagged(100, (400, 8, 0.01), seed)]);
+    let options = Structured { one_step: false, ..free(&["gain", "lag"]) };
+    for (held_out, shown) in [(&[][..], &train), (&held_out[..], &held_out)] {
+        let fit = options.fit(&model(LAG, &[]), &train, held_out).unwrap();
+        assert_eq!(fit.runs.len(), 2);
+        let scores = fit.held_out.as_ref().unwrap_or(&fit.training);
+        for (at, run) in fit.runs.iter().enumerate() {
+            let logged = shown[0].output(&run.output).unwrap();
+            assert_eq!(run.time_s.len(), shown[0].len());
+            assert!((0..run.measured.len()).all(|k| logged.get(k) == Some(run.measured[k])));
+            for (predicted, groups) in run.predicted.iter().zip(scores) {
+                let errors: Vec<f64> = predicted
+                    .iter()
+                    .zip(&run.measured)
+                    .filter(|(p, _)| !p.is_nan())
+                    .map(|(p, y)| (p - y).abs())
+                    .collect();
+                // 400 rows hold fifteen windows of 25 steps.
+                assert_eq!(errors.len(), 15 * 25);
+                let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+                let of_group = groups[at].sum / 25.0;
+                assert!((mean - of_group).abs() < 1e-12 * of_group, "{mean} {of_group}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_shrinkage_decides_how_many_parameters_the_logs_determine() {
+    let logs = [lagged(0, (400, 8, 0.01), 42)];
+    let of = |shrinkage| {
+        let options =
+            Structured { shrinkage: Some(shrinkage), one_step: false, ..free(&["gain", "lag"]) };
+        options.fit(&model(LAG, &[]), &logs, &[]).unwrap().determined
+    };
+    let found = [1e-6, 1e3, 1e15].map(of);
+    assert!(found[0] > 1.999 && found[0] >= found[1] && found[1] >= found[2], "{found:?}");
+    assert!(found[2] < 1e-3, "{found:?}");
+}
+
+#[test]
 fn no_dead_time_is_an_answer() {
     for seed in 0..5 {
         let logs = [lagged(0, (800, 8, 0.01), 30 + seed)];

@@ -57,6 +57,8 @@ pub(super) struct WindowError<'a> {
     /// Horizon, from 1.
     pub(super) horizon: usize,
     pub(super) error: &'a [f64],
+    /// All outputs of the model at this horizon.
+    pub(super) outputs: &'a [f64],
     /// Components × directions, row by row.
     pub(super) slopes: &'a [f64],
 }
@@ -117,7 +119,7 @@ impl Simulator<'_> {
                 if !error.iter().all(|v| v.is_finite()) {
                     return false;
                 }
-                see(WindowError { group: g, horizon: step, error, slopes });
+                see(WindowError { group: g, horizon: step, error, outputs: &b.y, slopes });
             }
         }
         true
