@@ -205,7 +205,7 @@ class BlindScore(FileResult):
 
     @property
     def confusion(self) -> list[dict[str, Any]]:
-        """What was said of what: `truth`, `verdict`, `cases`."""
+        """Truth and verdict: `truth`, `verdict`, `cases`."""
         return list(self._data["confusion"])
 
     @property

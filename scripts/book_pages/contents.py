@@ -69,6 +69,7 @@ AFTER = """
     - [Diagnoses of the bank](results/bank.md)
     - [Machines with friction, limits and loops](results/machine-kinds.md)
     - [Real machines](results/machines.md)
+    - [Effects injected into logs of real machines](results/injections.md)
     - [Real logs](results/real-logs.md)
     - [All methods compared](results/methods.md)
     - [How far from the Cramér-Rao bound](results/bounds.md)

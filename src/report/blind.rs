@@ -72,7 +72,7 @@ pub(super) fn tables(scores: &BlindScore) -> Vec<(String, Table)> {
             tables.push((format!("by {title}"), table));
         }
     }
-    tables.push(("what was said of what".to_owned(), confusion(scores)));
+    tables.push(("truth and verdict".to_owned(), confusion(scores)));
     let what = "how often a verdict of a given probability is exactly right";
     tables.push((what.to_owned(), reliability(&scores.reliability, ["verdicts", "exactly right"])));
     if scores.contributions.iter().any(|bin| bin.cases > 0) {

@@ -74,7 +74,7 @@ fn exit_code_says_whether_a_limit_was_missed() {
         "{}",
         missed.stderr
     );
-    assert!(!missed.stderr.contains("top3") && missed.stdout.contains("what was said of what"));
+    assert!(!missed.stderr.contains("top3") && missed.stdout.contains("truth and verdict"));
     run(&["topmost>=0.9"]).refused(&["no score `topmost`", "top1_class"]);
     run(&["top1>0.9"]).refused(&["NAME>=VALUE"]);
 }

@@ -129,6 +129,33 @@ fn jumps(cases: &[(u64, usize, usize)]) {
     }
 }
 
+/// A command that is another one at every sample.
+fn wandering(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    let mut value = 0.0;
+    let mut next = || {
+        value = 0.97 * value + 0.1 * rng.sample::<f64, _>(StandardNormal);
+        value
+    };
+    (0..samples).map(|_| next()).collect()
+}
+
+/// A fixed delay beside a force that nobody commands: what every sample of the input has of its own is no delay of its own.
+#[test]
+fn a_disturbed_input_behind_a_fixed_delay_is_no_random_delay() {
+    for (seed, size) in [(810, 0.05), (820, 0.1), (830, 0.2)] {
+        let heard = |sent: &[f64], rng: &mut ChaCha8Rng| -> Vec<f64> {
+            let late = |k: usize| sent[k.saturating_sub(6)];
+            (0..sent.len()).map(|k| late(k) + size * rng.sample::<f64, _>(StandardNormal)).collect()
+        };
+        let (found, _) = diagnosed_from(seed, wandering, &heard);
+        let contributions = &found.diagnosis.cause.contributions;
+        let named: Vec<&str> = contributions.iter().map(|c| c.effect.as_str()).collect();
+        assert!(!named.is_empty() && !named.contains(&"delay_jitter"), "{seed} {named:?}");
+        let delay = contributions[0].parameters[0].value.unwrap();
+        assert!((delay - 6.0 * TS).abs() < TS, "{seed} {named:?} {delay}");
+    }
+}
+
 #[test]
 fn a_delay_that_jumps_is_named_with_both_delays_and_its_time() {
     jumps(&[(700, 5, 15)]);

@@ -15,10 +15,10 @@ pub fn blind(scores: &BlindScore) -> String {
         h1 { "Withheld effects" }
         p .verdict { (headline(scores)) "." }
         (overall(scores))
-        h2 { "What was said of what" }
+        h2 { "Truth and verdict" }
         p { "Rows are the truth, columns the verdict; the cells count cases, and more colour is more." }
         (figure("confusion", "The matrix"))
-        h2 { "Are probabilities honest?" }
+        h2 { "Calibration of the probabilities" }
         p { "Of the verdicts with a probability of 80 %, 80 % should be exactly right: then the curve lies on the dashed line." }
         (figure("reliability", "The curve"))
         h2 { "Tables" }
@@ -113,7 +113,7 @@ fn figures(scores: &BlindScore) -> Vec<Value> {
             "x": { "label": "mean probability", "values": of(0) }, "y": { "label": "exactly right", "range": [-0.02, 1.02] },
             "curves": [
                 { "label": "exactly right", "y": of(1), "low": of(2), "high": of(3), "color": "after" },
-                { "label": "honest", "y": of(0), "color": "measured", "dash": [8, 5], "points": false },
+                { "label": "calibrated", "y": of(0), "color": "measured", "dash": [8, 5], "points": false },
             ],
         }] }));
     }

@@ -431,7 +431,7 @@ fn coverage(parts: &[Part<'_>]) -> Markup {
     html! {
         @if !rows.is_empty() {
             h2 { "Coverage: the truth in the 95 % interval" }
-            p { "An honest interval holds the truth in 95 % of the records, which the mark shows." }
+            p { "A calibrated interval holds the truth in 95 % of the records, which the mark shows." }
             (sorted("Share of the intervals that hold the truth, all records together", &["method", "cells", "intervals", "share", "its 95 % interval", "0 to 100 %"], &rows))
         }
     }

@@ -1,10 +1,10 @@
 //! The classes of causes as an answer reports them.
 
 use super::class_probability::{deviations, probability};
-use super::contributions::NAMED;
 use super::found_effects::found_effects;
 use crate::causes::class::EffectClass;
 use crate::causes::conclusion::ActiveCauses;
+use crate::causes::search::NAMED;
 use crate::format::class::{CauseClass, Grounds, Member, RECALIBRATION, in_words, listed};
 use crate::format::contributions::{Contribution, Recalibration, Strength};
 use crate::likelihood::gaussian::Likelihood;

@@ -13,6 +13,7 @@ use super::held_out::HeldOut;
 use super::improvement::{bootstrap, held_out_blocks};
 use super::location::{locate, output_shares};
 use crate::causes::conclusion::ActiveCauses;
+use crate::causes::search::NAMED;
 use crate::format::contributions::{
     Contribution, Explained, Recalibration, Remainder, Share, Strength,
 };
@@ -27,9 +28,6 @@ use deadtime_model::effect::Scales;
 
 /// A nominal value that is further off than this factor is no value of the physics.
 const FAR: f64 = 10.0;
-
-/// A weak effect that takes a smaller part of the gap stays in the model and is not named as a cause.
-pub(super) const NAMED: f64 = 0.01;
 
 /// A gap with at most this part unexplained is mostly explained.
 const MOST: f64 = 0.5;

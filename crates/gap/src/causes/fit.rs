@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::gram::{Gram, Left};
+use super::removals::removals;
 use super::score::Score;
 use super::set::CauseSet;
 use super::training::{Stacked, Training};
@@ -105,6 +106,8 @@ impl Fit<'_, '_, '_> {
         let moves = |at: &usize| eliminated.normal[(*at, *at)] > 0.0;
         let places: Vec<usize> = (0..set.free.len()).filter(moves).collect();
         let determinant = self.determinant(&set, &eliminated.normal);
+        let with_priors = with_priors(&eliminated.normal, &self.priors(&set));
+        set.removals = removals(&set, &set.free, &with_priors);
         let parameters: f64 =
             self.priors(&set).iter().flatten().map(|(off, s)| (off / s).powi(2)).sum();
         set.free = places.iter().map(|&at| set.free[at]).collect();

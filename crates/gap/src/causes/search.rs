@@ -13,6 +13,7 @@ use super::proposals::Proposal;
 use super::score::Score;
 use super::set::{CauseSet, SetKey, in_order};
 use super::training::{Stacked, Training};
+use crate::hypothesis::penalised_gain::NO_EVIDENCE;
 use crate::likelihood::active_effects::NO_EFFECT;
 use deadtime_model::effect::{Applied, Scales, find, row};
 use deadtime_model::simulate::System;
@@ -34,8 +35,9 @@ const SIZE: f64 = 0.05;
 const SIZES: (f64, f64) = (0.005, 0.3);
 /// Single parameters that may take the place of the joint recalibration.
 const MOST_MOVED: usize = 3;
-/// Differences in score that are no evidence, and up to which a set is as good as the best (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572).
-const NO_EVIDENCE: f64 = 2.0;
+/// What takes a smaller part of the gap's energy is not named: a weak effect, or the part of a general effect beyond its special case.
+pub(crate) const NAMED: f64 = 0.01;
+/// The difference in score up to which a set is as good as the best (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572).
 const AS_GOOD: f64 = 6.0;
 
 /// The result of a search.
@@ -65,11 +67,18 @@ impl Found {
             let represents = std::mem::replace(&mut instead[at], vec![effect]).pop()?;
             Some(EffectClass { effect: represents, instead, evidence })
         };
-        lowest
+        let mut classes: Vec<EffectClass> = lowest
             .map_or_else(Vec::new, |(_, set)| self.classes_of(set))
             .into_iter()
             .filter_map(led)
-            .collect()
+            .collect();
+        // Two members of the leader may differ from those of the set of the lowest score.
+        for own in self.classes_of(leader) {
+            if classes.iter().all(|class| class.effect.key() != own.effect.key()) {
+                classes.push(own);
+            }
+        }
+        classes
     }
 
     /// Per effect of a set, its class. Members replace the effect in a set as good as the best, or in one whose additional misfit is within the inexactness of
@@ -129,6 +138,33 @@ impl Found {
         if weights > 0.0 { squares / weights } else { 0.0 }
     }
 
+    /// The squared error of a set, every output over its variance.
+    fn energy(&self, set: &CauseSet) -> f64 {
+        set.squares.iter().zip(&self.variances).map(relative).sum()
+    }
+
+    /// Whether a set takes the special case of a general effect, and the general effect explains no more than it by a part that is named.
+    fn takes_special_case(&self, special: &CauseSet, set: &CauseSet, general: &Applied) -> bool {
+        let Some([instead]) =
+            replaces(set, general, special, 1).map(<[Applied; 1]>::try_from).and_then(Result::ok)
+        else {
+            return false;
+        };
+        let nominal = self.sets.iter().find(|(_, set)| set.effects.is_empty());
+        let gap = nominal.map_or(0.0, |(_, nominal)| self.energy(nominal));
+        general.effect.elaborates() == Some(instead.effect.name())
+            && [general.channel.as_str(), "*"].contains(&instead.channel.as_str())
+            && self.energy(special) - self.energy(set) <= NAMED * gap
+    }
+
+    /// The set that takes the special case of a general effect of the leader, where there is one.
+    fn special_case_of_leader(&self) -> Option<usize> {
+        let (_, leader) = self.sets.first()?;
+        let taken =
+            |set: &CauseSet| leader.singly().any(|a| self.takes_special_case(set, leader, a));
+        self.sets.iter().position(|(_, set)| taken(set))
+    }
+
     /// The price of one effect with the given number of parameters.
     pub(crate) fn price(&self, parameters: usize) -> f64 {
         self.score.price(parameters, 1)
@@ -136,13 +172,14 @@ impl Found {
 
     /// The replacements of an effect of the best set: one effect, or two where no set with one of them alone does.
     fn replacing(&self, best: &CauseSet, out: &Applied, least: f64) -> Vec<Vec<Applied>> {
-        let energy =
-            |set: &CauseSet| -> f64 { set.squares.iter().zip(&self.variances).map(relative).sum() };
+        let energy = |set: &CauseSet| self.energy(set);
         let key = best.without(out).key();
         let without = self.sets.iter().find(|(_, set)| set.key() == key);
         let own = without.map_or(0.0, |(_, set)| energy(set) - energy(best));
         let alike = |score: f64, other: &CauseSet| {
-            score <= least + AS_GOOD || energy(other) - energy(best) <= self.inexact * own
+            score <= least + AS_GOOD
+                || energy(other) - energy(best) <= self.inexact * own
+                || self.takes_special_case(other, best, out)
         };
         let mut found: Vec<Vec<Applied>> = Vec::new();
         for count in 1..=2 {
@@ -230,13 +267,16 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             self.ranked().into_iter().map(|(score, set)| (score, set.clone())).collect();
         let leader = leader(&sets)?;
         sets[..=leader].rotate_right(1);
-        let variances = self.training.variances.clone();
-        Some(Found {
+        let mut found = Found {
             sets,
             score: self.score.clone(),
-            variances,
+            variances: self.training.variances.clone(),
             inexact: self.training.likelihood.criteria.inexact,
-        })
+        };
+        while let Some(special) = found.special_case_of_leader() {
+            found.sets[..=special].rotate_right(1);
+        }
+        Some(found)
     }
 
     fn fit(&self) -> Fit<'_, 'l, 'a> {
@@ -368,6 +408,41 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             Some(_) => trials.extend(self.most_moved(&set)),
         }
         self.fit_all(trials);
+        self.simplify();
+    }
+
+    /// Fits the sets that may lead with fewer parameters: without a member that the fit predicts to be superfluous, or with the special case of a general
+    /// effect. A set that explains as much as the best one by other members is not expanded itself.
+    fn simplify(&mut self) {
+        let mut tried: Vec<SetKey> = Vec::new();
+        loop {
+            let ranked = self.ranked();
+            let Some(least) = ranked.first().map(|(score, _)| *score) else { return };
+            let mut trials = Vec::new();
+            for (score, set) in ranked {
+                let removed = set.removals.iter().map(|removal| {
+                    let fewer = score + removal.rise - self.score.price(removal.parameters, 1);
+                    (fewer, set.without_key(&removal.key))
+                });
+                let system = self.training.likelihood.system;
+                let special = specialised(set, self.candidates, system).map(|special| {
+                    let numbers = |s: &CauseSet| s.singly().map(|a| a.values.len()).sum::<usize>();
+                    let saved = numbers(set).saturating_sub(numbers(&special));
+                    (score - self.score.price(saved, 0), special)
+                });
+                for (fewer, trial) in removed.chain(special) {
+                    let key = trial.key();
+                    if fewer < least && !self.sets.contains_key(&key) && !tried.contains(&key) {
+                        tried.push(key);
+                        trials.push(trial);
+                    }
+                }
+            }
+            if trials.is_empty() {
+                return;
+            }
+            self.fit_all(trials);
+        }
     }
 
     /// Whether a set leads in which two other effects replace two equal effects on different channels. A cause common to several channels acts on each like an
@@ -472,14 +547,19 @@ fn specialised(
     candidates: &[Applied],
     system: &System,
 ) -> impl Iterator<Item = CauseSet> {
-    let special = |general: &Applied| {
+    let among =
+        |list: &[Applied], special: &Applied| list.iter().any(|own| own.key() == special.key());
+    let special = move |general: &Applied| {
         let effect = find(general.effect.elaborates()?).ok()?;
-        let mut special = Applied::nominal(system, effect, &general.channel).ok()?;
+        // A single output has its effects under the name of all outputs.
+        let on = |channel: &str| Applied::nominal(system, effect, channel).ok();
+        let mut special = [general.channel.as_str(), "*"]
+            .into_iter()
+            .filter_map(on)
+            .find(|special| among(candidates, special))?;
         special.values.iter_mut().zip(&general.values).for_each(|(to, value)| *to = *value);
         let others = set.without(general).effects;
-        let among = |list: &[Applied]| list.iter().any(|own| own.key() == special.key());
-        (among(candidates) && !among(&others))
-            .then(|| set.with(in_order(others.into_iter().chain([special]))))
+        (!among(&others, &special)).then(|| set.with(in_order(others.into_iter().chain([special]))))
     };
     set.singly().filter_map(special)
 }

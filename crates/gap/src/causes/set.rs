@@ -1,5 +1,6 @@
 //! A set of effects with jointly fitted parameters.
 
+use super::removals::Removal;
 use crate::hypothesis::effects::Dropouts;
 use crate::likelihood::active_effects::ActiveEffects;
 use deadtime_model::effect::{Applied, row};
@@ -21,6 +22,8 @@ pub(crate) struct CauseSet {
     pub(super) squares: Vec<f64>,
     /// All that the priors cost.
     pub(super) priors: f64,
+    /// Members that the fit predicts to be removable.
+    pub(super) removals: Vec<Removal>,
 }
 
 /// The identity of a set: its single effects, and whether all parameters are recalibrated.
@@ -48,6 +51,7 @@ impl CauseSet {
             acting: 0,
             squares: Vec::new(),
             priors: 0.0,
+            removals: Vec::new(),
         }
     }
 
@@ -58,7 +62,12 @@ impl CauseSet {
 
     /// The set without one of its effects, not fitted yet.
     pub(super) fn without(&self, out: &Applied) -> Self {
-        self.with(self.effects.iter().filter(|a| a.key() != out.key()).cloned().collect())
+        self.without_key(&out.key())
+    }
+
+    /// The same by the effect's key.
+    pub(super) fn without_key(&self, key: &str) -> Self {
+        self.with(self.effects.iter().filter(|a| a.key() != key).cloned().collect())
     }
 
     /// Whether an effect belongs to the joint recalibration.

@@ -6,7 +6,10 @@
 //! Source: Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30. The steps repeat about the estimated delays, simulated
 //! exactly; the sequence with the lowest cost is kept.
 //!
-//! How it can be wrong: delays longer than the plant's smoothing leave the linear range, so the exact simulation decides. A response that
+//! Disturbances of equal size at the same instants are the rival: a delay δ adds c·δ·h, so its effect is proportional to the command's change c. Where equal
+//! sizes have the higher marginal likelihood, a disturbance of the input is decoded, and no delays.
+//!
+//! How it can be wrong: commands whose changes are all of one size cannot tell the two apart; delays are then accepted. Delays longer than the plant's smoothing leave the linear range, so the exact simulation decides. A response that
 //! varies, or a misfit of another kind, is fitted in part; the misfit stays above the floor. A response that is long relative to the record is truncated.
 
 use nalgebra::DMatrix;
@@ -14,6 +17,7 @@ use rayon::prelude::*;
 
 use super::direction::with;
 use super::effects::{Dropouts, Hypothesis};
+use super::penalised_gain::NO_EVIDENCE;
 use super::queue::{Waiting, waiting_for};
 use super::response::{response, static_value};
 use super::skyline::Skyline;
@@ -45,6 +49,7 @@ const STEP: f64 = 0.1;
 const CHANGES: f64 = 1e-6;
 
 /// The equations of one record's delays, about those that are assumed now.
+#[derive(Clone)]
 struct Linear {
     /// Samples of the commands that change.
     sent: Vec<usize>,
@@ -52,11 +57,23 @@ struct Linear {
     sent_s: Vec<f64>,
     /// Their delays now, seconds.
     delays: Vec<f64>,
+    /// The size of each change.
+    changes: Vec<f64>,
+    /// Per command, the standard deviation of its delay over that of all; 1 for delays of one distribution.
+    weights: Vec<f64>,
     /// GᵀG.
     gram: Skyline,
     /// Gᵀe.
     along: Vec<f64>,
     trained: bool,
+}
+
+impl Linear {
+    /// The same equations for disturbances of equal size: the delay of a small change varies more.
+    fn of_equal_disturbances(&self, rms: f64) -> Self {
+        let weights = self.changes.iter().map(|c| rms / c).collect();
+        Self { weights, ..self.clone() }
+    }
 }
 
 /// The solution of the equations for one spread.
@@ -119,6 +136,9 @@ pub(super) fn decode(
         let linear = |at: usize| linear(likelihood, active, at, input, &responses[at]);
         let records: Vec<Linear> =
             (0..likelihood.records.len()).into_par_iter().map(linear).collect::<Option<_>>()?;
+        if pass == 0 && !known_before && is_disturbance(&records, wait_s) {
+            return None;
+        }
         let (chosen, waiting) = spread(&records, &here.late, wait_s, step_s, pass == 0)?;
         let solved = solve(&records, &waiting)?;
         let information = information(&records, &waiting)?;
@@ -327,8 +347,8 @@ fn linear(
     let (step_s, length) = (record.sample_time_s, g.nrows());
     // Rows without a measurement, or outside the span, are exactly 0.
     let there: Vec<bool> = (0..samples).map(|k| e.row(k).iter().any(|v| *v != 0.0)).collect();
-    let (mut sent, mut known, mut starts, mut columns) =
-        (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut sent, mut known, mut sizes, mut starts, mut columns) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut latest_s, mut earliest) = (f64::NEG_INFINITY, 0);
     for (k, change) in (1..).zip(&changes) {
         latest_s = latest_s.max(record.time_s[k] + delays[k]);
@@ -356,6 +376,7 @@ fn linear(
         }
         sent.push(k);
         known.push(latest_s - record.time_s[k]);
+        sizes.push(change.abs());
         starts.push(from);
         columns.push(column);
     }
@@ -380,7 +401,31 @@ fn linear(
     let along: Vec<f64> = along.collect();
     let gram = Skyline::new(first, product);
     let sent_s = sent.iter().map(|&k| record.time_s[k]).collect();
-    Some(Linear { sent, sent_s, delays: known, gram, along, trained: record.train.is_some() })
+    let weights = vec![1.0; sent.len()];
+    let trained = record.train.is_some();
+    Some(Linear { sent, sent_s, delays: known, changes: sizes, weights, gram, along, trained })
+}
+
+/// The spreads that are tried about a mean wait.
+fn spreads(wait_s: f64) -> Vec<f64> {
+    let (from, to, count) = SPREADS;
+    let at = |i: usize| wait_s * from * (to / from).powf(i as f64 / (count - 1) as f64);
+    (0..count).map(at).collect()
+}
+
+/// Whether disturbances of equal size explain more than independent delays of one distribution, about a common delay.
+fn is_disturbance(records: &[Linear], wait_s: f64) -> bool {
+    let squares: Vec<f64> = records.iter().flat_map(|r| r.changes.iter().map(|c| c * c)).collect();
+    let rms = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
+    let equal: Vec<Linear> = records.iter().map(|r| r.of_equal_disturbances(rms)).collect();
+    let lowest = |records: &[Linear]| {
+        let independent = |std_s| Waiting { mean_s: wait_s, std_s, alike: 0.0 };
+        let costs = spreads(wait_s)
+            .into_par_iter()
+            .filter_map(|s| Some(solve(records, &independent(s))?.cost));
+        costs.filter(|cost| cost.is_finite()).reduce(|| f64::INFINITY, f64::min)
+    };
+    lowest(&equal) + NO_EVIDENCE < lowest(records)
 }
 
 /// The law with the lowest cost, with the mean wait that is given; spreads from small to large, then neighbours of the best.
@@ -391,7 +436,6 @@ fn spread(
     step_s: f64,
     first: bool,
 ) -> Option<(Late, Waiting)> {
-    let (from, to, count) = SPREADS;
     let lowest = |spreads: Vec<f64>| {
         let tried = spreads
             .into_par_iter()
@@ -404,13 +448,7 @@ fn spread(
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(_, law)| law)
     };
-    let all = || {
-        lowest(
-            (0..count)
-                .map(|i| wait_s * from * (to / from).powf(i as f64 / (count - 1) as f64))
-                .collect(),
-        )
-    };
+    let all = || lowest(spreads(wait_s));
     let spread_s = if first { all()?.0.spread_s } else { late.values[1] };
     lowest([NEIGHBOUR.recip(), 1.0, NEIGHBOUR].into_iter().map(|by| by * spread_s).collect())
         .or_else(all)
@@ -511,7 +549,7 @@ fn steps<'r>(r: &'r Linear, waiting: &Waiting) -> impl Iterator<Item = (f64, f64
     (0..r.sent.len()).map(move |i| {
         let gap = if i == 0 { f64::INFINITY } else { (r.sent[i] - r.sent[i - 1]) as f64 };
         let same = if i == 0 { 0.0 } else { alike.powf(gap) };
-        (same, std_s * std_s * (1.0 - same * same))
+        (same, (std_s * r.weights[i]).powi(2) * (1.0 - same * same))
     })
 }
 

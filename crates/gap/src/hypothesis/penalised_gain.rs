@@ -5,6 +5,9 @@ use crate::input::criteria::Criteria;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::row;
 
+/// A difference of twice the log-evidence that is none (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572).
+pub(crate) const NO_EVIDENCE: f64 = 2.0;
+
 /// The prices of hypotheses.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Penalties {
