@@ -122,7 +122,7 @@ impl Found {
 
     /// Per parameter of a set, the variance of its value about its value in this set. The weights are exp(−E/2) over the visited sets that are as good as the
     /// best and have its effect. Source: Hoeting, Madigan, Raftery and Volinsky 1999, doi:10.1214/ss/1009212519. An alias that replaces another effect changes
-    /// the values of the remaining effects.
+    /// the values of the remaining effects. A set with an effect and its alias divides one value between two, which is no other estimate of it.
     pub(crate) fn between(&self, best: &CauseSet, key: &str, parameter: usize) -> f64 {
         let value = |set: &CauseSet| {
             let applied = set.effects.iter().find(|a| a.key() == key)?;
@@ -130,7 +130,15 @@ impl Found {
         };
         let least = self.sets.iter().map(|(score, _)| *score).fold(f64::INFINITY, f64::min);
         let Some(own) = value(best) else { return 0.0 };
-        let good = self.sets.iter().filter(|(score, _)| *score <= least + AS_GOOD);
+        let effect = best.effects.iter().find(|a| a.key() == key);
+        let aliases: Vec<String> = effect
+            .map_or_else(Vec::new, |effect| self.replacing(best, effect, least))
+            .into_iter()
+            .filter_map(|members| (members.len() == 1).then(|| members[0].key()))
+            .collect();
+        let divided = |set: &CauseSet| set.effects.iter().any(|a| aliases.contains(&a.key()));
+        let good =
+            self.sets.iter().filter(|(score, set)| *score <= least + AS_GOOD && !divided(set));
         let (weights, squares) = good
             .filter_map(|(score, set)| Some(((least - score) / 2.0, (value(set)? - own).powi(2))))
             .map(|(log, square)| (log.exp(), log.exp() * square))

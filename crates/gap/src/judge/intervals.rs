@@ -207,10 +207,10 @@ impl Estimate {
     }
 }
 
-/// The standard deviation, doubled while the parameter alone can move to either end of its 95 % interval at a cost below `unnoticed`. A cost with jumps or
-/// kinks has no curvature that determines its width. An example is a delay together with a direct path: uneven samples pass edges of the commands one by one. A
-/// smooth cost rises by 3.84 or more at the end of a 95 % interval, and the standard deviation stays. Infinite where the cost never rises: a limit that nothing
-/// reaches.
+/// The standard deviation, doubled while the cost at either end of its 95 % interval differs by less than `unnoticed`, and the distance to the parameter's own
+/// minimum. A cost with jumps or kinks has no curvature that determines its width. An example is a delay together with a direct path: uneven samples pass edges
+/// of the commands one by one. A smooth cost rises by 3.84 or more at the end of a 95 % interval, and the standard deviation stays. Infinite where the cost never
+/// changes: a limit that nothing reaches. Where the cost falls, another noise model has the minimum elsewhere; its distance is a part of the uncertainty.
 fn as_far_as_unnoticed(
     likelihood: &Likelihood<'_>,
     hypothesis: &Hypothesis,
@@ -218,25 +218,54 @@ fn as_far_as_unnoticed(
     std: f64,
     cost: f64,
 ) -> f64 {
-    let mut reach = std;
     if likelihood.calls(&hypothesis.effects[e]) {
-        return reach;
+        return std;
     }
-    let unnoticed = |move_by: f64| {
+    let rise = |move_by: f64| {
         let mut effects = hypothesis.effects.clone();
         put(&mut effects, (e, i), hypothesis.effects[e].values[i] + move_by);
         let there = likelihood.whitened(ActiveEffects::from(hypothesis).with(&effects));
-        there.is_some_and(|there| {
-            likelihood.inner(&there, &there) - cost < likelihood.criteria.unnoticed
-        })
+        there.map_or(f64::INFINITY, |there| likelihood.inner(&there, &there) - cost)
     };
+    width(rise, std, likelihood.criteria.unnoticed)
+}
+
+/// The same for a rise of the cost by a move of the parameter.
+fn width(rise: impl Fn(f64) -> f64, std: f64, unnoticed: f64) -> f64 {
+    let mut reach = std;
+    let ends = |reach: f64| [1.0, -1.0].map(|side| (side, rise(side * NORMAL_95 * reach)));
+    let mut there = ends(reach);
     for _ in 0..DOUBLINGS {
-        if !unnoticed(NORMAL_95 * reach) && !unnoticed(-NORMAL_95 * reach) {
-            return reach;
+        if there.iter().all(|(_, rise)| rise.abs() >= unnoticed) {
+            break;
         }
         reach *= 2.0;
+        there = ends(reach);
     }
-    f64::INFINITY
+    if there.iter().any(|(_, rise)| rise.abs() < unnoticed) {
+        return f64::INFINITY;
+    }
+    let [(side, mut least), _] = {
+        there.sort_by(|a, b| a.1.total_cmp(&b.1));
+        there
+    };
+    if least >= 0.0 {
+        return reach;
+    }
+    let mut distance = NORMAL_95 * reach;
+    for _ in 0..DOUBLINGS {
+        let further = rise(2.0 * side * distance);
+        if further > least - unnoticed {
+            break;
+        }
+        (distance, least) = (2.0 * distance, further);
+    }
+    // The minimum lies between half and twice the distance: a parabola through the three.
+    let [near, far] = [0.5, 2.0].map(|by| rise(side * by * distance));
+    let [below, above] = [(near - least) / -0.5, (far - least) / 1.0];
+    let bend = (above - below) / 1.5;
+    let by = if bend > 0.0 { 1.0 - (below + 0.5 * bend) / (2.0 * bend) } else { 1.0 };
+    reach.hypot(distance * by.clamp(0.5, 2.0))
 }
 
 /// The step lowers the cost in fact: a strongly nonlinear likelihood makes one step meaningless.
@@ -331,6 +360,25 @@ D = [[0.0]]
         assert!((wider - (4.0_f64 / 3.0).sqrt() * 3.182 / 1.960).abs() < 1e-3, "{wider}");
         assert!((prior_wider(&[0.0; 4000]) - 1.0).abs() < 1e-3);
         assert!(prior_wider(&[1.0]).is_finite());
+    }
+
+    #[test]
+    fn a_width_reaches_to_where_the_cost_changes_and_to_its_minimum() {
+        // A smooth cost about the value.
+        let parabola = |centre: f64| move |x: f64| (x - centre).powi(2) - centre * centre;
+        assert_eq!(width(parabola(0.0), 1.0, 1.0), 1.0);
+        // The minimum is elsewhere: its distance counts, however narrow the curvature.
+        for centre in [3.0, -7.0, 20.0] {
+            let found = width(parabola(centre), 1.0, 1.0);
+            assert!((found - 1.0_f64.hypot(centre)).abs() < 0.01 * found, "{centre} {found}");
+        }
+        // A plateau of half-width 10, and one without an end.
+        let plateau = |x: f64| if x.abs() < 10.0 { 0.0 } else { 50.0 };
+        assert!((8.0..=16.0).contains(&width(plateau, 1.0, 1.0)));
+        assert_eq!(width(|_| 0.0, 1.0, 1.0), f64::INFINITY);
+        // A limit that is better gone: the fall ends at some distance.
+        let gone = |x: f64| if x < -2.0 { -40.0 } else { 20.0 * x };
+        assert!((1.9..8.0).contains(&width(gone, 0.1, 1.0)));
     }
 
     #[test]

@@ -15,7 +15,7 @@ use super::{answer, record, runs, shrinkage};
 use crate::error::Result;
 use deadtime_log::Log;
 use deadtime_model::{Equations, EquationsFile};
-use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal};
+use deadtime_signal::fit::{Fit, LevenbergMarquardt, Normal, Stopped};
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stats::{self, NORMAL_95};
 use deadtime_signal::stop::Stop;
@@ -25,6 +25,9 @@ pub(super) const MOST_SUBSTEPS: usize = 16;
 
 /// Largest relative change of a mean error by a finer step.
 pub(super) const STEP_SHARE: f64 = 1e-3;
+
+/// Times the last round is continued where its iterations ran out.
+const CONTINUED: usize = 10;
 
 /// Initial standard deviation of a record's own parameter, in the parameter's size.
 pub(super) const OWN_SIZE: f64 = 0.1;
@@ -375,6 +378,16 @@ impl Structured {
             z.clone_from(&fit.parameters);
             round += 1;
             if round >= self.rounds {
+                for _ in 0..CONTINUED {
+                    if fit.stopped != Stopped::Iterations {
+                        break;
+                    }
+                    self.stop.check()?;
+                    let before = fit.iterations;
+                    fit = self.round(&problem, &z, (&weights, &prior), round - 1, far);
+                    fit.iterations += before;
+                    z.clone_from(&fit.parameters);
+                }
                 break;
             }
             weights = self.weights(&super::score::lengths(&problem, &z).map_err(|_| diverged())?);
