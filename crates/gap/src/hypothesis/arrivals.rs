@@ -136,9 +136,6 @@ pub(super) fn decode(
         let linear = |at: usize| linear(likelihood, active, at, input, &responses[at]);
         let records: Vec<Linear> =
             (0..likelihood.records.len()).into_par_iter().map(linear).collect::<Option<_>>()?;
-        if pass == 0 && !known_before && is_disturbance(&records, wait_s) {
-            return None;
-        }
         let (chosen, waiting) = spread(&records, &here.late, wait_s, step_s, pass == 0)?;
         let solved = solve(&records, &waiting)?;
         let information = information(&records, &waiting)?;
@@ -192,6 +189,14 @@ pub(super) fn decode(
     }
     let Place { late, known, .. } = best?;
     if with_time(likelihood, input, &known) > BY_CHANCE {
+        return None;
+    }
+    let effects: Vec<Applied> = others.iter().cloned().chain([late.clone()]).collect();
+    let active = ActiveEffects { effects: &effects, lost: Some(&known.sequences) };
+    let linear = |at: usize| linear(likelihood, active, at, input, &responses[at]);
+    let records: Vec<Linear> =
+        (0..likelihood.records.len()).into_par_iter().map(linear).collect::<Option<_>>()?;
+    if is_disturbance(&records, waits(&late, step_s)?.mean_s) {
         return None;
     }
     *lost = known;
