@@ -82,8 +82,8 @@ def summary(answers: dict[str, dict], drawn: Path) -> str:
 def compare(old: dict[str, dict], new: dict[str, dict], drawn: Path, by: str = "group") -> str:
     """Paired differences of the cases that both have: new less old, with the percentile interval of a bootstrap over cases."""
     both = [name for name in old if name in new]
-    stored = {name: sets.sums(name) for name in {answer["set"] for answer in old.values()}}
-    digest = [{n: of[n].get("drawn", stored.get(of[n]["set"], {}).get(n)) for n in both} for of in (old, new)]
+    stored = {name: sets.sums(name) for name in sets.SEEDS}
+    digest = [{n: of[n].get("drawn", stored.get(of[n].get("set"), {}).get(n)) for n in both} for of in (old, new)]
     if other := [n for n in both if digest[0][n] != digest[1][n]]:
         sys.exit(f"{len(other)} cases were drawn differently for the two programs, first {other[0]}: run both on one draw")
     before, after = (judged({n: answers[n] for n in both}, drawn) for answers in (old, new))
