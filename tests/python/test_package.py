@@ -99,6 +99,21 @@ def test_the_command_line_comes_with_the_package(examples: Path) -> None:
     assert "nowhere.csv" in refused.stderr
 
 
+@pytest.mark.skipif(os.name == "nt", reason="a console's Ctrl-C goes to every process of it")
+def test_an_interrupted_command_leaves_no_half_written_file(tmp_path: Path) -> None:
+    # As a shell starts it: children inherit that signals are ignored.
+    words = [sys.executable, "-m", "deadtime", "excite", "prbs", "--samples", "50000000", "--sample-time", "0.01", "--out", str(tmp_path / "a.csv")]
+    running = subprocess.Popen(words, stderr=subprocess.PIPE)
+    until = time.monotonic() + 60.0
+    while not list(tmp_path.iterdir()) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert list(tmp_path.iterdir()), "the command writes nothing"
+    running.send_signal(signal.SIGINT)
+    running.communicate(timeout=60.0)
+    assert running.returncode == 130
+    assert not list(tmp_path.iterdir())
+
+
 def test_interrupts_are_honoured_within_a_fifth_of_a_second() -> None:
     waits = []
     for _ in range(5):

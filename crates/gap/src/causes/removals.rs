@@ -8,22 +8,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::set::CauseSet;
+use super::set::{CauseSet, Removal};
 use deadtime_model::effect::Applied;
 
 /// The ridge of the normal matrix, relative to its diagonal: two members that replace one another leave a direction without information.
 const RIDGE: f64 = 1e-9;
-
-/// A member that may be removed.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Removal {
-    /// The member's key.
-    pub(super) key: String,
-    /// Its parameters that act.
-    pub(super) parameters: usize,
-    /// The predicted rise of the misfit.
-    pub(super) rise: f64,
-}
 
 /// The removals of a set at its fit. `normal` is over `free`, the residual last.
 pub(super) fn removals(

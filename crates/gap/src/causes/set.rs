@@ -1,6 +1,5 @@
 //! A set of effects with jointly fitted parameters.
 
-use super::removals::Removal;
 use crate::hypothesis::effects::Dropouts;
 use crate::likelihood::active_effects::ActiveEffects;
 use deadtime_model::effect::{Applied, row};
@@ -24,6 +23,17 @@ pub(crate) struct CauseSet {
     pub(super) priors: f64,
     /// Members that the fit predicts to be removable.
     pub(super) removals: Vec<Removal>,
+}
+
+/// A member that may be removed.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Removal {
+    /// The member's key.
+    pub(super) key: String,
+    /// Its parameters that act.
+    pub(super) parameters: usize,
+    /// The predicted rise of the misfit.
+    pub(super) rise: f64,
 }
 
 /// The identity of a set: its single effects, and whether all parameters are recalibrated.

@@ -322,7 +322,8 @@ impl Structured {
         };
         self.far.at(ONE_STEP, &"errors of both models");
         let mut answer = answer::answer(&problem, &fitted, one_step.as_deref());
-        let model = free::with_values(file, &answer.parameters);
+        let values: Vec<_> = answer.parameters.iter().map(|p| (p.name.clone(), p.value)).collect();
+        let model = free::with_values(file, &values);
         let every = |logs: &[Log], file: &EquationsFile| score(file, logs, self.horizon, stride);
         answer.training = [every(logs, file)?, every(logs, &model)?];
         if !held_out.is_empty() {

@@ -1,6 +1,5 @@
 //! Candidates for free parameters: the parameters of the equations, then the dead time of each input.
 
-use super::answer::FreeParameter;
 use super::error::StructuredError;
 use crate::error::Result;
 use deadtime_model::EquationsFile;
@@ -68,20 +67,19 @@ pub(super) fn indices(
     Ok(found)
 }
 
-/// The model with the fitted values. An input that is another's slope keeps its offset from that input's dead time.
-pub(super) fn with_values(file: &EquationsFile, found: &[FreeParameter]) -> EquationsFile {
+/// The model with the fitted values by name. An input that is another's slope keeps its offset from that input's dead time.
+pub(super) fn with_values(file: &EquationsFile, found: &[(String, f64)]) -> EquationsFile {
     let mut model = file.clone();
+    let value = |name: &str| found.iter().find(|(own, _)| own == name).map(|(_, value)| *value);
     for (name, entry) in &mut model.parameters {
-        if let Some(parameter) = found.iter().find(|p| p.name == *name) {
-            entry.value = parameter.value;
-        }
+        entry.value = value(name).unwrap_or(entry.value);
     }
     for (i, leader) in leaders(file).into_iter().enumerate() {
-        let name = delay_name(&file.inputs[leader].name);
-        if let Some(delay) = found.iter().find(|p| p.name == name) {
+        if let Some(delay_s) = value(&delay_name(&file.inputs[leader].name)) {
+            let nominal_s = file.input_delay_s.get(leader).copied().unwrap_or(0.0);
             model.input_delay_s.resize(file.inputs.len(), 0.0);
             let to = &mut model.input_delay_s[i];
-            *to = if leader == i { delay.value } else { *to + delay.value - delay.nominal };
+            *to = if leader == i { delay_s } else { *to + delay_s - nominal_s };
             *to = to.max(0.0);
         }
     }

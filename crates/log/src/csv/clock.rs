@@ -1,7 +1,7 @@
 //! Time stamps of a file as seconds: their unit and their origin.
 
-use super::date::{DAY_NS, HOUR_NS, all_digits, clock_only, date, is_date, written, zoned};
-use super::slashes::Slashes;
+use super::date::{DAY_NS, HOUR_NS, all_digits, clock_only, date, zoned};
+use super::slashes::{Slashes, is_date, written};
 use crate::options::TimeUnit;
 use crate::place::neighbours;
 use deadtime_signal::remedy::{Message, Remedy};

@@ -1,7 +1,5 @@
 //! Dates and times of day as files write them.
 
-use super::slashes::Slashed;
-
 /// Nanoseconds of a day.
 pub(super) const DAY_NS: i128 = 86_400_000_000_000;
 
@@ -12,20 +10,6 @@ pub(super) fn zoned(text: &str) -> bool {
     sign || ["z", "utc", "gmt"].iter().any(|zone| lower.ends_with(zone))
 }
 
-/// A date, or a time of day alone.
-pub(super) fn written(text: &str) -> Option<i128> {
-    date(text).or_else(|| Slashed::of(text)?.either()).or_else(|| clock_only(text))
-}
-
-/// Whether a cell is a date in any order of its parts.
-pub(super) fn is_date(text: &str) -> bool {
-    date(text).is_some() || Slashed::of(text).is_some_and(|s| s.either().is_some())
-}
-
-/// Whether a cell is a date or a time of day.
-pub(super) fn is_stamp(text: &str) -> bool {
-    is_date(text) || time_of_day(text.trim()).is_some()
-}
 /// Whether a cell is two numbers with a colon between them: hours and minutes, or minutes and seconds.
 pub(super) fn is_half_a_clock(text: &str) -> bool {
     let mut parts = text.trim().split(':');

@@ -3,7 +3,7 @@
 use super::cell::{Cell, has_decimal_comma, parse, shown};
 use super::clock::{StampReader, Why, median_step, shortest};
 use super::lines::{Lines, Separator};
-use super::{date, time_name};
+use super::{date, slashes, time_name};
 use crate::error::{Error, LogError};
 use crate::header::name_and_unit;
 use crate::notes::Notes;
@@ -262,7 +262,8 @@ impl Header {
             Err(error) => {
                 let row = lines.row;
                 let numbers = names.iter().all(|(name, _)| {
-                    matches!(parse(name.as_bytes(), true), Cell::Number(_)) || date::is_stamp(name)
+                    matches!(parse(name.as_bytes(), true), Cell::Number(_))
+                        || slashes::is_stamp(name)
                 });
                 let searched = notes.iter().any(|note| note.contains(PREAMBLE));
                 if searched || !options.columns.is_empty() || !table_below(lines, options)? {
@@ -486,7 +487,7 @@ fn table_below(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<bool, Err
         let Ok((time, _)) = time_column(lines, &names, options) else { continue };
         let stamp = |cell: &Vec<u8>| {
             let text = std::str::from_utf8(cell).unwrap_or_default().trim();
-            matches!(parse(cell, true), Cell::Number(_)) || date::is_stamp(text)
+            matches!(parse(cell, true), Cell::Number(_)) || slashes::is_stamp(text)
         };
         let alike = (names.len()..=names.len() + 1).contains(&below.len());
         // A row that begins with a word below its first name is of names and values still.
@@ -514,7 +515,7 @@ fn separate_date(
     };
     let places = || 0..names.len();
     let of_day = |t: &str| t.contains(':') && date::time_of_day(t).is_some();
-    let date = places().find(|p| is(*p, &DATES, &|t| !t.contains(':') && date::is_date(t)))?;
+    let date = places().find(|p| is(*p, &DATES, &|t| !t.contains(':') && slashes::is_date(t)))?;
     let time = places().find(|p| is(*p, &TIMES, &of_day))?;
     let named = options.time.as_ref().is_none_or(|wanted| {
         [date, time].iter().any(|p| names.get(*p).is_some_and(|(name, _)| name == wanted))
@@ -596,7 +597,7 @@ pub(super) fn unnamed_first(
         return false;
     }
     let text = std::str::from_utf8(below).unwrap_or_default();
-    if !time && options.time.is_none() && date::is_date(text) {
+    if !time && options.time.is_none() && slashes::is_date(text) {
         *name = "time".to_owned();
         notes.push("column 1 has no name and holds dates: it is taken as the time".to_owned());
         return false;

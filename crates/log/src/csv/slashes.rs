@@ -1,7 +1,22 @@
-//! Dates with slashes or dashes and the year behind: the rows determine whether day or month comes first.
+//! Dates in any order of their parts. With slashes or dashes and the year behind, the rows determine whether day or month comes first.
 
-use super::date::{DAY_NS, century, date, day_and_clock, days, time_of_day};
+use super::date::{DAY_NS, century, clock_only, date, day_and_clock, days, time_of_day};
 use crate::options::TimeUnit;
+
+/// A date, or a time of day alone.
+pub(super) fn written(text: &str) -> Option<i128> {
+    date(text).or_else(|| Slashed::of(text)?.either()).or_else(|| clock_only(text))
+}
+
+/// Whether a cell is a date in any order of its parts.
+pub(super) fn is_date(text: &str) -> bool {
+    date(text).is_some() || Slashed::of(text).is_some_and(|s| s.either().is_some())
+}
+
+/// Whether a cell is a date or a time of day.
+pub(super) fn is_stamp(text: &str) -> bool {
+    is_date(text) || time_of_day(text.trim()).is_some()
+}
 
 /// A date with slashes or dashes and the year behind: `3/5/2024`, `03-05-2024 10:00:00`, `3/5/24`. With a time of day also one without a year,
 /// `03/05 24:00:00`.
