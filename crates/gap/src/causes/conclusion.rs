@@ -31,7 +31,7 @@ use crate::search::catalogue_search::{SearchResult, noise_of};
 use deadtime_model::effect::{Applied, Scales};
 
 /// A refit under coloured noise may raise the training error by this factor; by more, the colour is that of another effect. Chosen: on 38 development cases
-/// 1.02 and 1.2 differ in two answers. With 1.02 the values beside a slow misfit are those of the misfit.
+/// 1.02 and 1.2 differ in two answers. With 1.02 the values next to a slow misfit are those of the misfit.
 const SETTLED: f64 = 1.2;
 
 /// Single effects from which the search begins: their own fit had more first guesses.
