@@ -105,6 +105,12 @@ class StructuredFit(_Fitted):
         The search ended at a minimum.
     """
 
+    @property
+    def determined(self) -> float:
+        """The number of parameters that the logs determine; shrinkage towards the file's values determines the rest."""
+        value: float = self._data["determined"]
+        return value
+
 
 class StructureMatch(_Fitted):
     """Parameters of a model that were matched to an identified one; printed, it is what `deadtime identify --match` prints.

@@ -139,7 +139,7 @@ fn wandering(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
     (0..samples).map(|_| next()).collect()
 }
 
-/// A fixed delay beside a force that nobody commands: what every sample of the input has of its own is no delay of its own.
+/// A fixed delay and noise on the input: the noise of each sample is no delay of each command.
 #[test]
 fn a_disturbed_input_behind_a_fixed_delay_is_no_random_delay() {
     for (seed, size) in [(810, 0.05), (820, 0.1), (830, 0.2)] {

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+
+from notebooks import run  # noqa: E402
 
 NOTEBOOKS = ("estimate_a_dead_time", "repair_a_simulator", "which_method_to_trust")
 
@@ -20,14 +24,6 @@ def cells(examples: Path, name: str) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = notebook["cells"]
     assert len({cell["id"] for cell in found}) == len(found)
     return found
-
-
-def run(code: str, names: dict[str, Any], name: str) -> Any:
-    """Runs a cell; the value of its last line, if that is an expression, is what a notebook shows."""
-    tree = ast.parse(code, filename=name)
-    last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
-    exec(compile(tree, name, "exec"), names)
-    return eval(compile(ast.Expression(last.value), name, "eval"), names) if isinstance(last, ast.Expr) else None
 
 
 def stored(cell: dict[str, Any]) -> str:
@@ -49,7 +45,7 @@ def test_a_notebook_runs_from_top_to_bottom(name: str, examples: Path, monkeypat
     pictures = 0
     for cell in cells(examples, name):
         if cell["cell_type"] == "code":
-            shown = run("".join(cell["source"]), names, f"{name}.ipynb, {cell['id']}")
+            shown, _ = run("".join(cell["source"]), names, f"{name}.ipynb, {cell['id']}")
             page = shown._repr_html_() if hasattr(shown, "_repr_html_") else ""
             pictures += page.count('src="data:image/png;base64,')
             assert not re.search(r"<script|https?://", page)

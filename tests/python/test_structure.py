@@ -44,10 +44,17 @@ def flight(samples: int, seed: int, noise: float = 2e-3) -> dict[str, numpy.ndar
     return {"time": STEP_S * numpy.arange(samples), "force": force, "position": seen[:, 0], "speed": seen[:, 1]}
 
 
+def test_a_search_whose_iterations_run_out_is_continued(examples: Path) -> None:
+    # The speed is in rpm where the model has rad/s: the minimum is far away, in a flat valley.
+    fit = deadtime.identify_structure(examples / "drive_run_1.csv", examples / "drive.toml", ["all"], horizon=50)
+    assert fit.converged and fit.determined < 4.0
+
+
 def test_parameters_are_fitted_to_logs_and_judged_on_others(tmp_path: Path) -> None:
     logs = [flight(800, 1), flight(700, 2)]
     fit = deadtime.identify_structure(logs, SPRING, ["spring", "friction", "gain"], horizon=40, holdout=flight(600, 3))
     assert fit.converged and not fit.cannot_be_had
+    assert 0.0 < fit.determined <= 3.0
     for name in ("spring", "friction", "gain"):
         found = fit.parameters[name]
         assert found.ci95 is not None and found.std is not None

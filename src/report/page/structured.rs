@@ -211,10 +211,17 @@ fn figures(found: &StructuredFit) -> Vec<Value> {
 
 /// Every output of every record: measured, and predicted by both models.
 fn runs(all: &[WindowRun]) -> Vec<Value> {
+    // Logs of one name in different folders keep their folders.
+    let named = |run: &WindowRun| {
+        let same = |other: &WindowRun| {
+            base(&other.source) == base(&run.source) && other.source != run.source
+        };
+        if all.iter().any(same) { run.source.clone() } else { base(&run.source).to_owned() }
+    };
     let view = |run: &WindowRun| {
         let [before, after] = &run.predicted;
         json!({
-            "kind": "lines", "keys": [run.output, base(&run.source)],
+            "kind": "lines", "keys": [run.output, named(run)],
             "about": format!("{}, measured and predicted", run.output),
             "x": { "label": "time (s)", "values": thinned(&run.time_s), "tight": true }, "y": { "label": labelled(&run.output, run.unit.as_deref()) },
             "curves": [

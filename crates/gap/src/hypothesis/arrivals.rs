@@ -6,11 +6,12 @@
 //! Source: Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, equations 2.27 to 2.30. The steps repeat about the estimated delays, simulated
 //! exactly; the sequence with the lowest cost is kept.
 //!
-//! Disturbances of equal size at the same instants are the alternative: a delay δ adds c·δ·h, so its effect is proportional to the command's change c. Where equal
-//! sizes have the higher marginal likelihood, a disturbance of the input is decoded, and no delays.
+//! Disturbances of equal size at the same instants are the alternative. A delay δ adds −c·δ·h, so its effect is proportional to the command's change c. Where
+//! equal sizes have the higher marginal likelihood, the input is disturbed and the delays are rejected.
 //!
-//! How it can be wrong: commands whose changes are all of one size cannot tell the two apart; delays are then accepted. Delays longer than the plant's smoothing leave the linear range, so the exact simulation decides. A response that
-//! varies, or a misfit of another kind, is fitted in part; the misfit stays above the floor. A response that is long relative to the record is truncated.
+//! How it can be wrong: command changes of one size do not distinguish the two; delays are then accepted. Delays longer than the plant's smoothing leave the
+//! linear range, so the exact simulation decides. A response that varies, or a misfit of another kind, is fitted in part; the misfit stays above the floor. A
+//! response that is long relative to the record is truncated.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
