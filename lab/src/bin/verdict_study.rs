@@ -74,13 +74,17 @@ impl Plant {
         plant
     }
 
-    /// From rest; `delay` in steps at a step's number.
-    fn respond(&self, u: &[f64], delay: impl Fn(usize) -> usize) -> Vec<f64> {
+    /// From rest.
+    fn advance(&self) -> Advance {
         let mut whole = SMatrix::<f64, { STATES + 1 }, { STATES + 1 }>::zeros();
         whole.view_mut((0, 0), (STATES, STATES)).copy_from(&self.a);
         whole.view_mut((0, STATES), (STATES, 1)).copy_from(&self.b);
-        let step = (whole / FINE as f64).exp();
-        let mut x = SVector::<f64, { STATES + 1 }>::zeros();
+        Advance { step: (whole / FINE as f64).exp(), x: SVector::zeros() }
+    }
+
+    /// From rest; `delay` in steps at a step's number.
+    fn respond(&self, u: &[f64], delay: impl Fn(usize) -> usize) -> Vec<f64> {
+        let Advance { step, mut x } = self.advance();
         let mut y = Vec::with_capacity(u.len());
         for k in 0..u.len() {
             for i in 0..FINE {
@@ -98,6 +102,26 @@ impl Plant {
             }
         }
         y
+    }
+}
+
+/// A plant's state and held input, and its matrix exponential over one step.
+struct Advance {
+    step: SMatrix<f64, { STATES + 1 }, { STATES + 1 }>,
+    x: SVector<f64, { STATES + 1 }>,
+}
+
+impl Advance {
+    fn state(&self) -> SVector<f64, STATES> {
+        self.x.fixed_rows::<STATES>(0).into_owned()
+    }
+
+    /// By one sample; `input` of each of its steps.
+    fn sample(&mut self, input: impl Fn(usize) -> f64) {
+        for i in 0..FINE {
+            self.x[STATES] = input(i);
+            self.x = self.step * self.x;
+        }
     }
 }
 
@@ -401,6 +425,42 @@ fn looped(rng: &mut ChaCha8Rng) -> Drawn {
     Drawn { u, y, truth: Some(delay as f64), jumps: false }
 }
 
+/// A plant of one or two lags and any dead time under a PI controller by Skogestad's rules (2003, J. Process Control 13(4), 291-309,
+/// doi:10.1016/S0959-1524(02)00062-8). The set point moves, or a random binary signal is added to the command.
+fn regulated(rng: &mut ChaCha8Rng) -> Drawn {
+    let samples = rng.random_range(600..2000);
+    let lag: f64 = rng.random_range(3.0_f64.ln()..30.0_f64.ln()).exp();
+    let second = if rng.random::<bool>() { lag * rng.random_range(0.1..0.6) } else { 0.0 };
+    let delay = FINE + steps(rng, 12.0);
+    let plant = if second > 0.0 { vec![lag, second] } else { vec![lag] };
+    let plant = Plant::lags(&plant, 0.0, false);
+    // The half rule, with the controller's sample among the dead time.
+    let (slow, dead) = (lag + 0.5 * second, delay as f64 / FINE as f64 + 0.5 * second + 0.5);
+    let closed = dead * rng.random_range(0.8..2.5);
+    let gain = slow / (closed + dead);
+    let integral = gain / slow.min(4.0 * (closed + dead));
+    let dithered = rng.random::<bool>();
+    let (reference, dither) = if dithered {
+        (vec![0.0; samples], held(rng, samples, 1, 6, true))
+    } else {
+        (held(rng, samples, 10, 80, false), vec![0.0; samples])
+    };
+    let shade = colour(rng);
+    let std = rng.random_range(0.01_f64.ln()..0.1_f64.ln()).exp();
+    let e = noise(rng, samples, shade, std);
+    let mut advance = plant.advance();
+    let (mut sum, mut u, mut y) = (0.0, Vec::with_capacity(samples), Vec::with_capacity(samples));
+    for k in 0..samples {
+        let now: f64 = plant.c.dot(&advance.state()) + e[k];
+        let off = reference[k] - now;
+        sum += integral * off;
+        u.push(gain * off + sum + dither[k]);
+        y.push(now);
+        advance.sample(|i| (k * FINE + i).checked_sub(delay).map_or(0.0, |at| u[at / FINE]));
+    }
+    Drawn { u, y, truth: Some(delay as f64 / FINE as f64), jumps: false }
+}
+
 fn jump(rng: &mut ChaCha8Rng) -> Drawn {
     let samples = rng.random_range(700..1500_usize);
     let (plant, u) = (plant(rng), held(rng, samples, 1, 6, true));
@@ -424,7 +484,7 @@ fn short(rng: &mut ChaCha8Rng) -> Drawn {
 
 type Kind = (&'static str, fn(&mut ChaCha8Rng) -> Drawn);
 
-const KINDS: [Kind; 14] = [
+const KINDS: [Kind; 15] = [
     ("ordinary", ordinary),
     ("benchmark", benchmark),
     ("inverse", inverse),
@@ -438,6 +498,7 @@ const KINDS: [Kind; 14] = [
     ("step", step),
     ("short", short),
     ("loop", looped),
+    ("regulated", regulated),
     ("jump", jump),
 ];
 
@@ -532,7 +593,7 @@ fn page(rows: &[Value], draws: u64, first: u64) -> String {
     let mut text = format!(
         "# Verdicts\n\n{draws} drawn records of each kind, seeds from {first}, by `verdict_study --table` (lab/src/bin/verdict_study.rs has the kinds); `scripts/verdict_gate --store`\nwrites this page. \
          Errors and widths are in samples, widths are medians. `oe_posterior` alone is what the verdict is held against, where both answer. Records of `jump` have a dead\ntime that jumps \
-         by two samples or more, those of `loop` are of a closed loop; all others are of open loops with one dead time.\n\n\
+         by two samples or more, those of `loop` and `regulated` are of closed loops; all others are of open loops with one dead time.\n\n\
          | kind | answered | interval holds | RMS | RMS of oe_posterior | its interval holds | width | width by oe_posterior's | said to move | said to be looped |\n\
          | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n"
     );

@@ -7,8 +7,8 @@ use super::asked::{Feedback, Job};
 use super::chosen::Ready;
 use super::seen::PairView;
 use super::words::{
-    ahead_note, at_end_note, at_once_in_loop_note, copy_note, held_verdict, lead_note,
-    taken_off_note, tied_note,
+    MAY_BE_AT_ONCE, ahead_note, at_end_note, at_once_in_loop_note, copy_note, held_verdict,
+    lead_note, taken_off_note, tied_note,
 };
 use crate::conditions::{lasts_one_sample, moving_together, of_the_plant, standing_off};
 use crate::error::{DelayError, Result};
@@ -29,6 +29,8 @@ use crate::watched;
 use crate::window::at_its_end;
 use deadtime_identify::Record;
 use deadtime_signal::progress::HowFar;
+use deadtime_signal::stats::NORMAL_95;
+use deadtime_signal::time::SampleTime;
 
 /// Progress on a pair after the tests of its record; the methods take the remainder.
 const LOOKED: f64 = 0.15;
@@ -142,9 +144,13 @@ impl OnePair<'_, '_> {
     /// Adds the record's evidence to the verdict of the methods; `held`: the samples for which an input under feedback is held.
     fn qualify(&self, pair: &mut Pair, closed: bool, held: usize, may_be_copy: bool) {
         let ts = self.seen.one.sample_time();
-        let at_once = at_once(&pair.verdict, ts.seconds());
-        if closed && at_once && !self.seen.looped.direct {
-            pair.verdict = Verdict::none(at_once_in_loop_note(&pair.verdict, ts));
+        // A controller within the sample explains a missing dead time, too.
+        if closed && !pair.verdict.grounds.direct {
+            if at_once(&pair.verdict, ts) {
+                pair.verdict = Verdict::none(at_once_in_loop_note(&pair.verdict, ts));
+            } else if may_be_at_once(&pair.verdict, ts) {
+                pair.verdict.doubt(MAY_BE_AT_ONCE);
+            }
         }
         if let Some(delay_s) = pair.verdict.delay_s.filter(|_| may_be_copy) {
             pair.verdict.doubt(&copy_note(delay_s, self.two_sensors, ts));
@@ -257,10 +263,16 @@ impl OnePair<'_, '_> {
     }
 }
 
-/// A dead time below half a sample, or below one with an interval that holds zero: a controller within the sample explains it, too.
-fn at_once(verdict: &Verdict, step_s: f64) -> bool {
-    let zero = verdict.ci95_s.is_some_and(|[from, _]| from < 0.5 * step_s);
-    verdict.delay_s.is_some_and(|d| d < 0.5 * step_s || (zero && d < step_s))
+/// A dead time below half a sample, or one whose interval holds zero within one standard deviation of the value.
+fn at_once(verdict: &Verdict, ts: SampleTime) -> bool {
+    let (Some(delay_s), Some([_, to_s])) = (verdict.delay_s, verdict.ci95_s) else { return false };
+    let within = may_be_at_once(verdict, ts) && to_s - delay_s > NORMAL_95 * delay_s;
+    within || delay_s < 0.5 * ts.seconds()
+}
+
+/// An interval that holds a dead time below half a sample.
+fn may_be_at_once(verdict: &Verdict, ts: SampleTime) -> bool {
+    verdict.ci95_s.is_some_and(|[from_s, _]| from_s < 0.5 * ts.seconds())
 }
 
 /// A pair with the open-loop part of the input, where that part is large enough.

@@ -53,6 +53,10 @@ pub(super) fn at_once_in_loop_note(verdict: &Verdict, ts: SampleTime) -> String 
     )
 }
 
+/// The note where the interval of a dead time in a loop holds zero.
+pub(super) const MAY_BE_AT_ONCE: &str =
+    "the interval holds zero: the controller itself would explain the relation, too";
+
 /// The note where the response lasts one sample: the convention of the verdict, and the dead time by the other convention.
 pub(super) fn copy_note(delay_s: f64, two_sensors: bool, ts: SampleTime) -> String {
     if two_sensors {

@@ -1,6 +1,6 @@
 //! The estimate of a method, and the conditions of the record under which it is not trusted.
 
-use super::earned::earned;
+use super::earned::Study;
 use super::mixture::Answer;
 use crate::estimate::{DelayEstimate, Outcome};
 use crate::finding::Finding;
@@ -40,7 +40,9 @@ pub(super) struct FoundDelay<'a> {
     pub(super) class: Class,
     pub(super) basis: Basis,
     pub(super) delay_s: f64,
-    /// The squared error of the method in a study, as a ratio.
+    /// The study of records like this one.
+    pub(super) study: &'static Study,
+    /// The squared error of the method in the study, as a ratio.
     pub(super) square_error: f64,
     /// Lower bound on its standard deviation, s.
     least_s: f64,
@@ -66,6 +68,7 @@ impl<'a> FoundDelay<'a> {
         let resolution_s = sample_time.to_seconds(RESOLUTION.sqrt());
         let interval_s = estimate.ci95_s.unwrap_or([delay_s, delay_s]);
         let vague = if estimate.std_s.is_none() { VAGUE } else { 0.0 };
+        let study = Study::of(findings.iter().any(|f| f.condition == Condition::Feedback));
         let resolves = estimate.enough_poles && method.tolerance > WHOLE && method.tolerance < 1.0;
         let least_s = sample_time.to_seconds(method.tolerance).max(predicted_s.unwrap_or(0.0));
         Some(Self {
@@ -73,7 +76,8 @@ impl<'a> FoundDelay<'a> {
             class: method.class,
             basis: method.basis,
             delay_s,
-            square_error: earned(method.entry.name).powi(2) + vague,
+            study,
+            square_error: study.error(method.entry.name).powi(2) + vague,
             least_s: if method.tolerance < 1.0 {
                 sample_time.to_seconds(method.tolerance)
             } else {
@@ -91,6 +95,11 @@ impl<'a> FoundDelay<'a> {
                 raw < sample_time.to_seconds(estimate.degree_bias_samples - 0.5)
             }),
         })
+    }
+
+    /// The error of the method in the study, as a ratio.
+    pub(super) fn error(&self) -> f64 {
+        self.study.error(self.method)
     }
 
     /// The estimate in a mixture, with this weight.

@@ -36,6 +36,8 @@ pub struct Grounds {
     pub agree: Vec<String>,
     /// The others used, with the delay of each, s.
     pub differ: Vec<(String, f64)>,
+    /// The output reacts within the sample, and the sentence names a direct path.
+    pub direct: bool,
     /// Why the value may be unusable.
     pub doubts: Vec<String>,
 }

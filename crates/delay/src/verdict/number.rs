@@ -1,7 +1,7 @@
 //! Value and interval of a verdict, from the agreeing estimates.
 //!
 //! Equation: two mixtures of the leading estimates ([`super::earned`]). In the first, an estimate has the weight 1/(eᵢ·max(1, sᵢ/s))². eᵢ is the method's error
-//! in the study, sᵢ its own standard deviation and s the median of these. In the second, the weight is its class's vote over eᵢ². The value is the median of
+//! in the study, sᵢ its own standard deviation and s the median of these. In the second, the weight is its vote over eᵢ². The value is the median of
 //! the first mixture. The interval is the hull of both mixtures' 95 % intervals.
 //!
 //! An estimate with a standard deviation above the median has a lower weight in the first mixture; a small standard deviation does not raise it. One class may
@@ -15,7 +15,6 @@
 
 use super::answer::FoundDelay;
 use super::conclusion::RecordFacts;
-use super::earned::{earned, leads};
 use super::mixture::{Answer, interval, median, vagueness};
 use super::votes::Group;
 
@@ -47,8 +46,8 @@ impl<'a, 'b> Number<'a, 'b> {
         let (chosen, mut delay_s, mut interval_s) = if of_all_inputs {
             together(&models, lead, facts)
         } else {
-            let best = agree.iter().map(|(f, _)| earned(f.method)).fold(f64::INFINITY, f64::min);
-            let leading = agree.iter().filter(|(f, _)| leads(f.method, best));
+            let best = agree.iter().map(|(f, _)| f.error()).fold(f64::INFINITY, f64::min);
+            let leading = agree.iter().filter(|(f, _)| f.study.leads(f.method, best));
             let by_vote: Weighted<'a, 'b> = leading.map(|(f, weight)| (*f, *weight)).collect();
             let by_error = weighted_by_error(&by_vote);
             let (chosen, delay_s, [from_s, to_s]) = together(&by_error, lead, facts);

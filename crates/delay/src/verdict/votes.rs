@@ -42,22 +42,22 @@ impl<'a, 'b> Group<'a, 'b> {
     }
 }
 
-/// The votes of estimates. Each class has one, shared by the bases of its methods ([`Basis`]). All methods with one basis, also of other classes, share its
-/// part.
+/// The votes of estimates. Each class has one. Its bases ([`Basis`]) share it in proportion to 1/e², with e the error of their methods in the study. All methods
+/// with one basis, also of other classes, share its part.
 fn vote_weights(found: &[&FoundDelay<'_>]) -> Vec<f64> {
     let same = |f: &FoundDelay<'_>, g: &FoundDelay<'_>| {
         if f.basis == Basis::Own { f.method == g.method } else { f.basis == g.basis }
     };
     let weight = |f: &&FoundDelay<'_>| {
         let class: Vec<&&FoundDelay<'_>> = found.iter().filter(|g| g.class == f.class).collect();
-        // The first method of a basis represents it.
-        let bases = class
-            .iter()
-            .enumerate()
-            .filter(|(i, g)| class[..*i].iter().all(|h| !same(g, h)))
-            .count();
+        let share = |g: &FoundDelay<'_>| {
+            let alike = class.iter().filter(|h| same(g, h)).count();
+            g.error().powi(-2) / alike as f64
+        };
+        let basis: f64 = class.iter().filter(|g| same(f, g)).map(|g| share(g)).sum();
+        let all: f64 = class.iter().map(|g| share(g)).sum();
         let sharing = found.iter().filter(|g| same(f, g)).count();
-        f.class.vote_weight() / (bases * sharing) as f64
+        f.class.vote_weight() * basis / (all * sharing as f64)
     };
     found.iter().map(weight).collect()
 }

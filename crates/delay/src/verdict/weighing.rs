@@ -19,8 +19,9 @@ use deadtime_signal::time::SampleTime;
 /// used, except under feedback. Where most votes are for a delay shorter than the plant allows, and the record has no direct path, such estimates are excluded,
 /// too.
 ///
-/// Each class of methods has one vote, shared by those of its methods that found a delay ([`crate::Class::vote_weight`]). Methods with the same intermediate
-/// result ([`crate::Basis`]) share one part of it. The delay inside the intervals with most votes defines a group of estimates.
+/// Each class of methods has one vote ([`crate::Class::vote_weight`]). Those of its methods that found a delay share it by the inverse square of their errors in
+/// the study. Methods with the same intermediate result ([`crate::Basis`]) share one part of it. The delay inside the intervals with most votes defines a group
+/// of estimates.
 ///
 /// Value and interval come from mixtures of the group's estimates whose methods led in the study. The value is the median, each estimate weighted by its
 /// method's error there. The interval also contains that of the mixture weighted by votes. Where other inputs have effects, the models of all inputs alone give
@@ -97,6 +98,7 @@ impl<'a, 'b> Counted<'a, 'b> {
         let mut grounds = Grounds {
             agree: agreeing.map(str::to_owned).collect(),
             differ: differ.iter().map(|(f, _)| (f.method.to_owned(), f.delay_s)).collect(),
+            direct: number.direct,
             doubts: Vec::new(),
         };
         let mut why = who(chosen, &others, differ);
