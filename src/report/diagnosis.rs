@@ -3,7 +3,7 @@
 use super::facts::{Cause, Label, Place, Ranked, Shrink, caveats, described, first, probability};
 use super::text::{Table, estimate, unit};
 use deadtime_gap::{
-    CauseClass, Diagnosed, Diagnosis, FoundEffect, FoundParameter, HorizonError, Member,
+    CauseClass, Diagnosed, Diagnosis, Explained, FoundEffect, FoundParameter, HorizonError, Member,
     NuisanceEstimate, in_words, listed,
 };
 use deadtime_signal::text::{plus_minus, shown};
@@ -200,7 +200,18 @@ fn cause(d: &Diagnosis) -> String {
         Shrink::NotConfirmed { .. } => " Held-out data do not confirm it.",
         _ => "",
     };
-    on_training_logs(d) + confirmed
+    on_training_logs(d) + &further(d) + confirmed
+}
+
+/// The part that stays beside named effects, where it is more than noise.
+fn further(d: &Diagnosis) -> String {
+    let incomplete = matches!(d.cause.explained, Some(Explained::Mostly | Explained::Part));
+    match (Cause::of(d), explained(d)) {
+        (Cause::Effects(_), Some(share)) if incomplete => {
+            format!(" More acts: {} of the gap stays unexplained.", percent(1.0 - share))
+        }
+        _ => String::new(),
+    }
 }
 
 /// The cause as the training logs show it.

@@ -1,10 +1,13 @@
 //! A pair's verdict with a time-varying delay, which replaces the single value.
 
+use super::conditions::of_the_plant;
 use super::error::DelayError;
 use super::estimate::DelayEstimate;
 use super::estimator::{Search, usable};
 use super::experiment::{Experiment, Recording, Series};
+use super::finding::Finding;
 use super::job::chosen::Ready;
+use super::method::Condition;
 use super::report::Pair;
 use super::verdict::conclusion::{RecordFacts, Verdict};
 use super::verdict::weighing::verdict;
@@ -27,6 +30,8 @@ const ANCHORS: [&str; 4] = ["oestruc", "oe_posterior", "arxstruc", "p2d"];
 const MOST: usize = 4;
 /// Error of the watch's own model, samples, 95 %: its first coefficient may be zero.
 const OWN: f64 = 3.0;
+/// Error of a straightened record's dead time, samples, 95 %: its held input is moved by fractions of a sample, with an error that is uniform over one.
+const MOVED: f64 = 0.57;
 /// Largest number of stretches in a sentence.
 const NAMED: usize = 6;
 
@@ -42,7 +47,8 @@ pub(super) fn tell(
     let watch = Watch::default();
     let Some(seen) = watch.look(&records, search) else { return Ok(()) };
     search.go_on()?;
-    let steady = seen.is_steady() || !moves_throughout(&records, &seen.stretches());
+    let stretches = seen.of_one_change();
+    let steady = seen.is_steady() || !moves_throughout(&records, &stretches);
     if steady && !asked.track {
         return Ok(());
     }
@@ -66,7 +72,11 @@ pub(super) fn tell(
     };
     let own = ts.to_seconds(reference - bias as f64);
     let anchor = match (straight.delay_s, straight.ci95_s) {
-        (Some(delay_s), Some(ci95_s)) => Anchor { reference, delay_s, ci95_s },
+        (Some(delay_s), Some([from_s, to_s])) => {
+            let own = if steady { 0.0 } else { ts.to_seconds(MOVED) };
+            let [below, above] = [(delay_s - from_s).hypot(own), (to_s - delay_s).hypot(own)];
+            Anchor { reference, delay_s, ci95_s: [delay_s - below, delay_s + above] }
+        }
         _ => Anchor {
             reference,
             delay_s: own.max(0.0),
@@ -84,6 +94,11 @@ pub(super) fn tell(
         pair.moving = Some(moving);
     }
     Ok(())
+}
+
+/// One delay describes the pair's records.
+pub(super) fn stands(one: &Experiment<'_>, search: &Search) -> Result<bool, DelayError> {
+    Ok(Watch::default().look(&one.pair(0, 0)?, search).is_none_or(|seen| seen.is_steady()))
 }
 
 /// The input moves in every stretch: a stretch without motion has no delay of its own.
@@ -113,7 +128,12 @@ fn straight_verdict(
         answers.push(usable(ready.estimator.estimate(straight, search))?);
     }
     let said: Vec<_> = ask.iter().zip(&answers).map(|(r, a)| (r.method, a, None)).collect();
-    Ok(verdict(&said, &pair.findings, straight.sample_time(), &asked.facts))
+    // A delay that moves makes a plant look unstable, and its noise coloured.
+    let plant = [Condition::UnstablePlant, Condition::Dynamics, Condition::ColouredNoise];
+    let others = pair.findings.iter().filter(|f| !plant.contains(&f.condition)).cloned();
+    let findings: Vec<Finding> =
+        others.chain(of_the_plant(&straight.pair(0, 0)?, search.max_delay)).collect();
+    Ok(verdict(&said, &findings, straight.sample_time(), &asked.facts))
 }
 
 /// `One delay does not describe this record: 0.10 s until 12.4 s, 0.30 s from then on`.

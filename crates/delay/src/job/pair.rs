@@ -127,6 +127,8 @@ impl OnePair<'_, '_> {
             looked_for.then(|| lead(&records, search.max_delay, search.bias(0, 0))).flatten();
         // Interpolation makes an output lead by one sample.
         let ahead = self.seen.looped.ahead && self.job.early_s() == 0.0;
+        // So does a delay that moves, to a model of one delay.
+        let ahead = ahead && watched::stands(self.seen.alone(), &search)?;
         if self.seen.looped.tied {
             pair.verdict = Verdict::none(tied_note(input, output));
         } else if let Some(samples) = leads {

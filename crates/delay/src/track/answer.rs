@@ -121,7 +121,7 @@ impl Moving {
         ts: SampleTime,
     ) -> Self {
         let found = seen.stretches();
-        let drift = drift.filter(|d| d.gain > seen.gain);
+        let drift = drift.filter(|d| seen.line.is_some() || d.gain > seen.gain);
         let time = |sample: f64| ts.to_seconds((sample - bias as f64).max(0.0));
         let mut stretches: Vec<AtOneDelay> = Vec::with_capacity(found.len());
         for (s, stretch) in found.iter().enumerate() {

@@ -2,6 +2,7 @@
 
 pub(crate) mod answer;
 mod bent;
+mod line;
 mod live;
 mod path;
 mod rows;

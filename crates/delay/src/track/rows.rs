@@ -87,11 +87,20 @@ impl Rows {
     /// The best-fitting shape for the delay `path(i)` in row i, and its Σe². `None` without a finite solution. A fractional delay interpolates linearly between
     /// its inputs.
     pub(super) fn fit(&self, path: impl Fn(usize) -> f64) -> Option<(ResponseShape, f64)> {
+        self.fit_every(1, path)
+    }
+
+    /// The same over every `stride`-th row.
+    pub(super) fn fit_every(
+        &self,
+        stride: usize,
+        path: impl Fn(usize) -> f64,
+    ) -> Option<(ResponseShape, f64)> {
         let RowOrders { na, nb, .. } = self.orders;
         let columns = na + nb + 1;
         let mut gram = DMatrix::<f64>::zeros(columns + 1, columns + 1);
         let mut row = vec![0.0; columns + 1];
-        for (i, &t) in self.at.iter().enumerate() {
+        for (i, &t) in self.at.iter().enumerate().step_by(stride) {
             let (d, part) = split(path(i));
             for (k, value) in row[..na].iter_mut().enumerate() {
                 *value = self.y[t - 1 - k];

@@ -41,13 +41,16 @@ impl Watched {
         let grid: Vec<f64> = (0..=(last / step) as usize).map(|i| step * i as f64).collect();
         let mut shape = self.shape.clone();
         let mut best: Option<Smoothed> = None;
+        // The chain is over the delay less the best line, whose middle is left in.
+        let delay =
+            |i: usize, d: f64| self.line.map_or(d, |line| (d + line.later(i)).clamp(0.0, last));
         for _ in 0..TURNS {
             let errors = self.rows.errors(&shape);
             let emission = |i: usize, to: &mut [f64]| {
                 let half = 0.5 / self.variance[i];
                 let mut least = f64::INFINITY;
                 for (e, &d) in to.iter_mut().zip(&grid) {
-                    *e = half * errors.between(i, d).powi(2);
+                    *e = half * errors.between(i, delay(i, d)).powi(2);
                     least = least.min(*e);
                 }
                 to.iter_mut().for_each(|e| *e = (least - *e).exp());
@@ -56,7 +59,10 @@ impl Watched {
             let drifts =
                 DRIFTS.map(|drift| (forward(n, grid.len(), drift, &emission, None), drift));
             let drift = drifts.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map_or(DRIFTS[0], |d| d.1);
-            let found = smoothed(n, &grid, drift, &emission);
+            let mut found = smoothed(n, &grid, drift, &emission);
+            for (i, (mean, band)) in found.mean.iter_mut().zip(&mut found.band).enumerate() {
+                (*mean, *band) = (delay(i, *mean), band.map(|end| delay(i, end)));
+            }
             if let Some((fitted, _)) = self.rows.fit(|i| found.mean[i]) {
                 shape = fitted;
             }

@@ -1,6 +1,7 @@
 //! Whether one delay describes a record, and where it changes.
 
 use super::bent::one_delay_with_bends;
+use super::line::{Line, best_line};
 use super::path::{best_path, pruned, stretches, variances};
 use super::rows::{Errors, ResponseShape, RowOrders, Rows};
 use crate::estimator::Search;
@@ -69,6 +70,8 @@ pub struct Watched {
     pub(super) shape: ResponseShape,
     pub(super) variance: Vec<f64>,
     pub(super) path: Vec<usize>,
+    /// The delay changes at a constant rate; `path` is then the rounded line.
+    pub(super) line: Option<Line>,
     /// Samples by which the output is shifted earlier.
     pub(super) skip: usize,
     /// The residual of each row at one delay.
@@ -104,6 +107,7 @@ impl Watch {
         let mut best = Watched {
             variance: variances(&squares, small),
             path: vec![one; n],
+            line: None,
             shape: shape.clone(),
             skip,
             steady,
@@ -116,13 +120,29 @@ impl Watch {
         for (shape, variance) in starts {
             self.improve(&mut best, shape, variance.max(small), small);
         }
+        self.straighten(&mut best, small);
         if best.gain > 0.0 && !self.outdoes_bends(&best, one) {
             best.variance = variances(&best.steady, small);
             best.path.fill(one);
             best.shape = best.rows.fit(|_| one as f64)?.0;
-            (best.gain, best.share) = (0.0, 0.0);
+            (best.gain, best.share, best.line) = (0.0, 0.0, None);
         }
         Some(best)
+    }
+
+    /// A straight line with a larger gain replaces the best path. Its rate is one change.
+    fn straighten(&self, best: &mut Watched, small: f64) {
+        let Some((line, shape)) = best_line(&best.rows, self.price) else { return };
+        let n = best.rows.len();
+        let squares = line.squares(&best.rows.errors(&shape), n);
+        let variance = variances(&squares, small);
+        let (gain, share) = best.gained(&squares, &variance);
+        let gain = gain - self.price;
+        if gain > best.gain && share > LEAST_SHARE {
+            best.path = (0..n).map(|i| line.at(i).round() as usize).collect();
+            (best.gain, best.share, best.line) = (gain, share, Some(line));
+            (best.shape, best.variance) = (shape, variance);
+        }
     }
 
     /// The path fits the rows better than one delay behind a static nonlinearity of the input, by more than the penalties of its changes. `one`: the best
@@ -133,10 +153,14 @@ impl Watch {
         delays.sort_unstable();
         delays.dedup();
         let Some(alternative) = one_delay_with_bends(&found.rows, &delays) else { return true };
-        let own = squares(&found.rows, &found.shape, &found.path);
+        let own = match found.line {
+            Some(line) => line.squares(&found.rows.errors(&found.shape), found.rows.len()),
+            None => squares(&found.rows, &found.shape, &found.path),
+        };
+        let changes = if found.line.is_some() { 1 } else { shown.len() - 1 };
         let rows = alternative.iter().zip(&own).zip(&found.variance);
         let gain: f64 = rows.map(|((r, e), v)| 0.5 * (r - e) / v).sum();
-        gain > self.price * (shown.len() - 1) as f64
+        gain > self.price * changes as f64
     }
 
     /// Alternating fits of shape and path from one start; a larger gain replaces the best.
@@ -152,16 +176,12 @@ impl Watch {
                 return;
             }
             path = next;
-            let Some((fitted, left)) = best.rows.fit(|i| path[i] as f64) else { return };
+            let Some((fitted, _)) = best.rows.fit(|i| path[i] as f64) else { return };
             let squares = squares(&best.rows, &fitted, &path);
             variance = variances(&squares, small);
             let changes = stretches(&path).len() - 1;
-            let rows = best.steady.iter().zip(&squares).zip(&variance);
-            let (gain, share) = (
-                rows.map(|((s, e), v)| 0.5 * (s - e) / v).sum::<f64>()
-                    - self.price * changes as f64,
-                1.0 - left / best.steady.iter().sum::<f64>().max(f64::MIN_POSITIVE),
-            );
+            let (gain, share) = best.gained(&squares, &variance);
+            let gain = gain - self.price * changes as f64;
             if changes > 0 && gain > best.gain && share > LEAST_SHARE {
                 (best.gain, best.share) = (gain, share);
                 (best.shape, best.variance, best.path) =
@@ -173,6 +193,14 @@ impl Watch {
 }
 
 impl Watched {
+    /// The gain in log-likelihood of rows with these squared errors over one delay, and the share of its squared errors that they remove.
+    fn gained(&self, squares: &[f64], variance: &[f64]) -> (f64, f64) {
+        let rows = self.steady.iter().zip(squares).zip(variance);
+        let gain = rows.map(|((s, e), v)| 0.5 * (s - e) / v).sum();
+        let all: f64 = self.steady.iter().sum();
+        (gain, 1.0 - squares.iter().sum::<f64>() / all.max(f64::MIN_POSITIVE))
+    }
+
     /// One delay describes the records.
     #[must_use]
     pub fn is_steady(&self) -> bool {
@@ -191,7 +219,10 @@ impl Watched {
                 .map(|(before, from)| self.began(&errors, before.start..rows.end, *from, *delay));
             for row in rows.clone() {
                 let (record, sample) = self.place(row);
-                match shown.last_mut().filter(|l| l.record == record && l.delay == *delay) {
+                match shown
+                    .last_mut()
+                    .filter(|l| l.record == record && l.delay == delay + self.skip)
+                {
                     Some(last) => last.samples.end = sample + 1,
                     None => {
                         let same = shown.last().is_some_and(|l| l.record == record);
@@ -211,6 +242,19 @@ impl Watched {
             }
         }
         shown
+    }
+
+    /// The stretches between changes; of a delay that changes at a constant rate the whole record.
+    #[must_use]
+    pub fn of_one_change(&self) -> Vec<Stretch> {
+        let mut stretches = self.stretches();
+        if self.line.is_some()
+            && let Some(end) = stretches.last().map(|s| s.samples.end)
+        {
+            stretches.truncate(1);
+            stretches[0].samples.end = end;
+        }
+        stretches
     }
 
     /// The record and the sample of a row.

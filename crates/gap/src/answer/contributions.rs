@@ -272,7 +272,7 @@ pub(crate) fn share_classes(contributions: &mut [Contribution], indistinguishabl
 /// The explained part of the gap; `left`: the unexplained share on the training logs.
 pub(crate) fn explained(composed: &ActiveCauses, left: Option<f64>) -> Explained {
     match (composed.judged.verdict, &composed.hypothesis) {
-        (GapVerdict::Effects, _) => Explained::All,
+        (GapVerdict::Effects, _) if composed.judged.complete => Explained::All,
         (_, Some(_)) if left.is_some_and(|left| left <= MOST) => Explained::Mostly,
         (_, Some(_)) => Explained::Part,
         (_, None) => Explained::Nothing,

@@ -21,6 +21,8 @@ pub struct Criteria {
     pub promising: f64,
     /// A residual this many times its floor has something left in it; 1. Chosen.
     pub above_floor: f64,
+    /// An answer with a residual above this many times its floor is not complete; 1. Chosen on the development bank.
+    pub complete: f64,
     /// The same where no effect helps at all: a gap worth the name is well above the noise; 1. Chosen.
     pub above_floor_alone: f64,
     /// A first effect that lowers the rms of no output by this factor is within the noise; 1. Chosen.
@@ -108,6 +110,7 @@ impl Default for Criteria {
             inexact: 2e-4,
             promising: 0.05,
             above_floor: 1.5,
+            complete: 1.25,
             above_floor_alone: 1.75,
             first_matters: 1.3,
             second_matters: 1.25,

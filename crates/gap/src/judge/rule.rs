@@ -41,6 +41,8 @@ pub(crate) struct Ruling {
     pub(crate) unknown: f64,
     /// The output on which the verdict was decided, and how many times the noise floor is left of it, where that is more than noise.
     pub(crate) left_over: Option<(usize, f64)>,
+    /// What is left is noise, or within what every simulator is inexact by.
+    pub(crate) complete: bool,
 }
 
 /// Decides.
@@ -48,7 +50,7 @@ pub(super) fn rule(levels: &Levels, criteria: &Criteria) -> Ruling {
     let Levels { train, effects, chance, beaten, .. } = levels;
     let decisive = decisive(train, *effects);
     let mut unknown: f64 = 0.0;
-    let mut left_over = None;
+    let (mut left_over, mut complete) = (None, true);
     if let Some(i) = decisive
         && let (Some(before), Some(after), Some(floor)) =
             (train.before[i], train.after[i], train.floor[i])
@@ -56,7 +58,10 @@ pub(super) fn rule(levels: &Levels, criteria: &Criteria) -> Ruling {
         let above = after / floor.max(1e-9);
         let limit =
             if *effects > 0 || *beaten { criteria.above_floor } else { criteria.above_floor_alone };
-        left_over = Some((i, above)).filter(|(_, above)| *above > limit && !chance);
+        // Noise, and what every simulator is inexact by, add up as independent errors.
+        let inexact = criteria.inexact_gap * before / floor.max(1e-9);
+        complete = above <= criteria.complete.hypot(inexact) || *chance;
+        left_over = Some((i, above)).filter(|_| !complete || (above > limit && !chance));
         let share = if before > floor {
             (before * before - after * after) / (before * before - floor * floor)
         } else {
@@ -64,9 +69,7 @@ pub(super) fn rule(levels: &Levels, criteria: &Criteria) -> Ruling {
         };
         let explains =
             share >= [criteria.one_explains, criteria.two_explain][(*effects).clamp(1, 2) - 1];
-        // Noise, and what every simulator is inexact by, add up as independent errors.
-        let further = criteria.further.hypot(criteria.inexact_gap * before / floor.max(1e-9));
-        if above > limit && (!explains || above > further) && !chance {
+        if above > limit && (!explains || above > criteria.further.hypot(inexact)) && !chance {
             unknown = 1.0 - 0.5 * (limit - above).exp();
         }
     }
@@ -75,7 +78,7 @@ pub(super) fn rule(levels: &Levels, criteria: &Criteria) -> Ruling {
         (false, 0) => GapVerdict::None,
         (false, _) => GapVerdict::Effects,
     };
-    Ruling { verdict, unknown, left_over }
+    Ruling { verdict, unknown, left_over, complete }
 }
 
 /// The output that gains most; where nothing gains, the one that is furthest above its floor.
@@ -105,7 +108,10 @@ mod tests {
     #[test]
     fn an_effect_that_reaches_the_floor_is_the_verdict() {
         let ruling = rule(&one_effect(sizes(0.5, 0.1, 0.1)), &Criteria::default());
-        assert_eq!(ruling, Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None });
+        assert_eq!(
+            ruling,
+            Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None, complete: true }
+        );
     }
 
     /// 0.2 is twice the floor; of 0.25 − 0.01 it leaves 0.03, which is 87.5 % explained: less than 93 %.
@@ -122,6 +128,16 @@ mod tests {
     {
         let ruling = rule(&one_effect(sizes(5.0, 0.2, 0.1)), &Criteria::default());
         assert_eq!((ruling.verdict, ruling.left_over), (GapVerdict::Effects, Some((0, 2.0))));
+    }
+
+    /// 1.4 times the floor of a gap of five floors: the limit is √(1.25² + 0.25²) = 1.27 times. Of 30 floors it is 1.95 times.
+    #[test]
+    fn what_stays_above_noise_and_inexactness_makes_an_answer_incomplete() {
+        let ruling = |before| rule(&one_effect(sizes(before, 0.14, 0.1)), &Criteria::default());
+        let (small, large) = (ruling(0.5), ruling(3.0));
+        assert_eq!((small.verdict, small.complete), (GapVerdict::Effects, false));
+        assert!(small.left_over.is_some_and(|(_, above)| (above - 1.4).abs() < 1e-12));
+        assert!(large.complete && large.left_over.is_none());
     }
 
     /// 0.6 is six times the floor, 98.6 % explained: the limit is √(5² + (0.05 · 5/0.1)²) = 5.59 times. With a gap of 10 the limit is 7.07 times.
@@ -144,7 +160,7 @@ mod tests {
         let lattice = Levels { chance: true, ..one_effect(sizes(0.5, 0.4, 0.1)) };
         assert_eq!(
             rule(&lattice, &Criteria::default()),
-            Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None }
+            Ruling { verdict: GapVerdict::Effects, unknown: 0.0, left_over: None, complete: true }
         );
     }
 

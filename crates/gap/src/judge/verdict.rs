@@ -28,6 +28,8 @@ pub(crate) struct Judged {
     pub(crate) unknown: f64,
     /// The output on which the verdict was decided, and how many times the noise floor is left of it, where that is more than noise.
     pub(crate) left_over: Option<(usize, f64)>,
+    /// What is left is noise, or within what every simulator is inexact by.
+    pub(crate) complete: bool,
     /// Twice the log-likelihood gain of a further effect that does not matter: the simulator's own error, given the reported effects.
     pub(crate) inexact: f64,
     pub(crate) floor: Floor,
@@ -37,13 +39,17 @@ pub(crate) struct Judged {
 
 impl Judged {
     /// A verdict that names nothing yet.
-    pub(crate) fn of(Ruling { verdict, unknown, left_over }: Ruling, floor: Floor) -> Self {
+    pub(crate) fn of(
+        Ruling { verdict, unknown, left_over, complete }: Ruling,
+        floor: Floor,
+    ) -> Self {
         Self {
             verdict,
             found: None,
             best: None,
             unknown,
             left_over,
+            complete,
             inexact: 0.0,
             floor,
             of_the_numbers: None,
@@ -112,7 +118,7 @@ pub(crate) fn judge(
             inexact = next.gain() - best.gain();
         }
     }
-    let (floor, Ruling { verdict, unknown, left_over }) =
+    let (floor, Ruling { verdict, unknown, left_over, complete }) =
         ruled(likelihood, [&nothing, &best], &reached, catalogue, scales, beaten);
     // Several effects are ordered by the part that each explains alone.
     let alone = |a: &Applied| {
@@ -129,6 +135,7 @@ pub(crate) fn judge(
         best,
         unknown,
         left_over,
+        complete,
         inexact,
         floor,
         of_the_numbers: None,
