@@ -94,7 +94,12 @@ fn calmest(
         .map(|(record, residual)| {
             let inside = (0..record.time_s.len())
                 .filter(|&k| record.train.is_some_and(|s| s.holds(record.time_s[k])));
-            inside.map(|k| record.measured[output].get(k).map(|_| residual[(k, output)])).collect()
+            let measured = &record.measured[output];
+            let ends =
+                extremes(record.time_s.iter().enumerate().filter_map(|(k, _)| measured.get(k)));
+            // At a limit of the sensor the noise does not show.
+            let free = |y: &f64| !ends.contains(y);
+            inside.map(|k| measured.get(k).filter(free).map(|_| residual[(k, output)])).collect()
         })
         .collect();
     criteria
@@ -102,6 +107,19 @@ fn calmest(
         .par_iter()
         .map(|&count| calmest_of(&series, count, criteria))
         .reduce(|| f64::INFINITY, f64::min)
+}
+
+/// The least and the greatest value, where each is taken by more samples than noise without a limit would (one in a hundred).
+fn extremes(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    let [Some(low), Some(high)] = [sorted.first(), sorted.last()] else { return Vec::new() };
+    let often = |value: f64| {
+        let equal =
+            sorted.partition_point(|v| *v <= value) - sorted.partition_point(|v| *v < value);
+        100 * equal > sorted.len()
+    };
+    [*low, *high].into_iter().filter(|v| often(*v)).collect()
 }
 
 /// As [`calmest`], with the given number of windows per record.
@@ -176,4 +194,19 @@ fn simulated(ar: &[f64], samples: usize, rng: &mut ChaCha8Rng) -> Vec<Option<f64
     }
     past.drain(..settle);
     past.into_iter().map(Some).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_at_an_end_that_many_samples_take_is_a_limit() {
+        let wave: Vec<f64> = (0..1000).map(|k| (0.37 * f64::from(k)).sin()).collect();
+        let clipped = |low: f64, high: f64| extremes(wave.iter().map(move |v| v.clamp(low, high)));
+        assert_eq!(clipped(-2.0, 2.0), Vec::<f64>::new());
+        assert_eq!(clipped(-0.5, 2.0), [-0.5]);
+        assert_eq!(clipped(-0.5, 0.9), [-0.5, 0.9]);
+        assert_eq!(extremes(std::iter::empty()), Vec::<f64>::new());
+    }
 }
