@@ -32,7 +32,7 @@ class Log:
         sample_time: float | None = None,
         unchecked: bool = False,
         max_memory_gb: float | None = None,
-        missing: Sequence[int] = ...,
+        missing: Sequence[float] = ...,
         rows: tuple[Sequence[str], tuple[str, str] | None] = ...,
     ) -> list[Log]: ...
     @staticmethod
@@ -41,7 +41,7 @@ class Log:
         clock: tuple[str | None, str | None, str],
         unchecked: bool = False,
         max_memory_gb: float | None = None,
-        missing: Sequence[int] = ...,
+        missing: Sequence[float] = ...,
         rows: tuple[Sequence[str], tuple[str, str] | None] = ...,
     ) -> str: ...
     def write_csv(self, path: str | os.PathLike[str]) -> None: ...

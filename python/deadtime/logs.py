@@ -45,7 +45,7 @@ def read(
     stamps: Literal["arrival", "header"] = "arrival",
     unchecked: bool = False,
     max_memory_gb: float | None = None,
-    missing: Iterable[int] = (),
+    missing: Iterable[float] = (),
     columns: Iterable[str] = (),
     where: tuple[str, object] | None = None,
 ) -> Log:
@@ -76,8 +76,8 @@ def read(
         Also reads parts whose checksum does not match; else they are left out, with a warning.
     max_memory_gb : float, optional
         Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
-    missing : sequence of int
-        Numbers that stand for a missing sample, such as -9999.
+    missing : sequence of float
+        Numbers that stand for a missing sample, such as -9999 or -999.25.
     columns : sequence of str
         The names of the columns of a text file without a header row.
     where : tuple of str and value, optional
@@ -130,7 +130,7 @@ def read_records(
     time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d", "iso", "dmy", "mdy"] | None = None,
     unchecked: bool = False,
     max_memory_gb: float | None = None,
-    missing: Iterable[int] = (),
+    missing: Iterable[float] = (),
     columns: Iterable[str] = (),
     where: tuple[str, object] | None = None,
 ) -> list[Log]:
@@ -150,8 +150,8 @@ def read_records(
         Also reads parts whose checksum does not match; else they are left out, with a warning.
     max_memory_gb : float, optional
         Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
-    missing : sequence of int
-        Numbers that stand for a missing sample, such as -9999.
+    missing : sequence of float
+        Numbers that stand for a missing sample, such as -9999 or -999.25.
     columns : sequence of str
         The names of the columns of a text file without a header row.
     where : tuple of str and value, optional
@@ -183,7 +183,7 @@ def listing(
     stamps: Literal["arrival", "header"] = "arrival",
     unchecked: bool = False,
     max_memory_gb: float | None = None,
-    missing: Iterable[int] = (),
+    missing: Iterable[float] = (),
     columns: Iterable[str] = (),
     where: tuple[str, object] | None = None,
 ) -> dict[str, Any]:
@@ -199,8 +199,8 @@ def listing(
         Also reads parts whose checksum does not match; else they are left out, with a warning.
     max_memory_gb : float, optional
         Memory that reading may take, in GB; default: 4 times the file and 64 MiB.
-    missing : sequence of int
-        Numbers that stand for a missing sample, such as -9999.
+    missing : sequence of float
+        Numbers that stand for a missing sample, such as -9999 or -999.25.
     columns : sequence of str
         The names of the columns of a text file without a header row.
     where : tuple of str and value, optional

@@ -99,9 +99,9 @@ pub(super) struct Clock {
         hide_short_help = true
     )]
     only: Option<(String, String)>,
-    /// A number that stands for a missing sample, such as -9999; may be repeated
+    /// A number that stands for a missing sample, such as -9999 or -999.25; may be repeated
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true, hide_short_help = true)]
-    missing: Vec<i64>,
+    missing: Vec<f64>,
     /// Memory that reading a log may take, in GB; default: 4 times the file and 64 MiB
     #[arg(long, value_name = "GB", hide_short_help = true)]
     max_memory_gb: Option<f64>,

@@ -60,6 +60,7 @@ fn faults_name_the_file_and_the_pair() {
         ("input = \"w\"", "input = \"u\"", "two [[transfer]] entries"),
         ("input = \"w\"", "input = \"v\"", "there are: u, w"),
         ("input = \"w\"", "", "say which input"),
+        ("input_delay_s = [1.5, 0.0]", "initial = [3.0]", "no initial state"),
         ("name = \"heater\"", "nmae = \"heater\"", "nmae"),
     ] {
         assert!(TF.contains(from));

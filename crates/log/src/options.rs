@@ -75,7 +75,7 @@ pub enum Stamps {
 }
 
 /// How a file is to be read.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReadOptions {
     /// The column of time; `None`: by its name.
     pub time: Option<String>,
@@ -90,7 +90,7 @@ pub struct ReadOptions {
     /// The rows of a text file that are read: those whose cell in this column has this text or number; `None`: all.
     pub only: Option<(String, String)>,
     /// Numbers that mean a missing sample.
-    pub missing: Vec<i64>,
+    pub missing: Vec<f64>,
     /// Memory that reading may take, bytes; `None`: 4 times the file and 64 MiB.
     pub memory: Option<u64>,
     /// The progress report of the reading.

@@ -1,32 +1,31 @@
 //! Numbers that mean a missing sample: −9999, 65535 and the like.
 
-use std::collections::BTreeMap;
-
 use deadtime_signal::remedy::{Message, Remedy};
 
 use super::channels::{Channel, Log};
 use crate::notes::Notes;
 
 /// The numbers that recorders write where they have none.
-const KNOWN: [i64; 18] = [
-    -999_999,
-    -99_999,
-    -32_768,
-    -32_767,
-    -9_999,
-    -999,
-    -99,
-    255,
-    999,
-    9_999,
-    32_767,
-    65_535,
-    99_999,
-    999_999,
-    2_147_483_647,
-    -2_147_483_648,
-    4_294_967_295,
-    -1_000_000,
+const KNOWN: [f64; 19] = [
+    -999_999.0,
+    -99_999.0,
+    -32_768.0,
+    -32_767.0,
+    -9_999.0,
+    -999.25,
+    -999.0,
+    -99.0,
+    255.0,
+    999.0,
+    9_999.0,
+    32_767.0,
+    65_535.0,
+    99_999.0,
+    999_999.0,
+    2_147_483_647.0,
+    -2_147_483_648.0,
+    4_294_967_295.0,
+    -1_000_000.0,
 ];
 /// The least count of a number in a channel for such a meaning.
 const OFTEN: usize = 3;
@@ -34,9 +33,9 @@ const OFTEN: usize = 3;
 const FAR: f64 = 5.0;
 
 /// Takes the numbers that the caller names for missing, and names those that look like it.
-pub(super) fn missing(log: &mut Log, given: &[i64], notes: &mut Notes) {
+pub(super) fn missing(log: &mut Log, given: &[f64], notes: &mut Notes) {
     for channel in &mut log.channels {
-        let gone = given.iter().map(|number| taken(channel, *number as f64)).sum::<usize>();
+        let gone = given.iter().map(|number| taken(channel, *number)).sum::<usize>();
         if gone > 0 {
             notes.push(format!(
                 "{}: {gone} samples are missing, by the numbers that stand for them",
@@ -53,10 +52,16 @@ pub(super) fn missing(log: &mut Log, given: &[i64], notes: &mut Notes) {
     }
 }
 
+/// A value is the number, or the number in single precision.
+fn is_number(value: f64, number: f64) -> bool {
+    value == number || value == f64::from(number as f32)
+}
+
 /// Makes the samples with one number missing; their count.
 fn taken(channel: &mut Channel, number: f64) -> usize {
+    let stands = |v: Option<f64>| v.is_some_and(|v| is_number(v, number));
     let places: Vec<usize> =
-        channel.iter().enumerate().filter(|(_, v)| *v == Some(number)).map(|(at, _)| at).collect();
+        channel.iter().enumerate().filter(|(_, v)| stands(*v)).map(|(at, _)| at).collect();
     if places.is_empty() {
         return 0;
     }
@@ -72,20 +77,21 @@ fn taken(channel: &mut Channel, number: f64) -> usize {
 }
 
 /// The known number that is far from all others of a channel, and its count.
-fn suspected(channel: &Channel) -> Option<(i64, usize)> {
-    let (mut low, mut high, mut counts) = (f64::INFINITY, f64::NEG_INFINITY, BTreeMap::new());
+fn suspected(channel: &Channel) -> Option<(f64, usize)> {
+    let (mut low, mut high, mut counts) = (f64::INFINITY, f64::NEG_INFINITY, [0; KNOWN.len()]);
     for value in channel.iter().flatten() {
-        match KNOWN.iter().find(|known| **known as f64 == value) {
-            Some(known) => *counts.entry(*known).or_insert(0_usize) += 1,
+        match KNOWN.iter().position(|known| is_number(value, *known)) {
+            Some(known) => counts[known] += 1,
             None => (low, high) = (low.min(value), high.max(value)),
         }
     }
     // One value has no spread.
     let spread = Some(high - low).filter(|spread| *spread > 0.0)?;
     let far = |known: f64| known < low - FAR * spread || known > high + FAR * spread;
-    counts
+    KNOWN
         .into_iter()
-        .filter(|(known, count)| *count >= OFTEN && far(*known as f64))
+        .zip(counts)
+        .filter(|(known, count)| *count >= OFTEN && far(*known))
         .max_by_key(|(_, count)| *count)
 }
 
@@ -101,12 +107,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("log.csv");
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(21);
-        for sentinel in [-9_999_i64, -999, 65_535, 9_999, -32_768] {
+        for sentinel in [-9_999.0, -999.25, 65_535.0, 9_999.0, -32_768.0] {
             let (mut text, mut gone) = ("time,u,y\n".to_owned(), 0);
             for k in 0..300 {
                 let lost = rng.random_bool(0.1);
                 gone += usize::from(lost);
-                let y = if lost { sentinel as f64 } else { rng.random_range(-2.0..30.0) };
+                let y = if lost { sentinel } else { rng.random_range(-2.0..30.0) };
                 text += &format!("{k},{},{y}\n", k % 7);
             }
             std::fs::write(&path, &text).unwrap();

@@ -59,7 +59,7 @@ fn read_options(
 /// With the readable part of damaged files, the memory limit, and the numbers that mean missing samples.
 fn limited(
     options: ReadOptions,
-    (unchecked, max_memory_gb, missing): (bool, Option<f64>, Vec<i64>),
+    (unchecked, max_memory_gb, missing): (bool, Option<f64>, Vec<f64>),
     (columns, only): TextRows,
 ) -> ReadOptions {
     let memory = max_memory_gb.map(|gb| (gb * 1e9) as u64);
@@ -137,7 +137,7 @@ impl Log {
         sample_time: Option<f64>,
         unchecked: bool,
         max_memory_gb: Option<f64>,
-        missing: Vec<i64>,
+        missing: Vec<f64>,
         rows: TextRows,
     ) -> PyResult<Vec<Self>> {
         let grid = sample_time.map(SampleTime::new).transpose().or_raise(py)?;
@@ -178,7 +178,7 @@ impl Log {
         clock: (Option<String>, Option<String>, String),
         unchecked: bool,
         max_memory_gb: Option<f64>,
-        missing: Vec<i64>,
+        missing: Vec<f64>,
         rows: TextRows,
     ) -> PyResult<String> {
         let options = limited(read_options(clock)?, (unchecked, max_memory_gb, missing), rows);

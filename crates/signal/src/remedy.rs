@@ -61,7 +61,7 @@ pub enum Remedy {
     /// A number that means a missing sample.
     Missing {
         /// The number.
-        number: i64,
+        number: f64,
     },
     /// The declaration that the log is of a closed loop.
     ClosedLoop,

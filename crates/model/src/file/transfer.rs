@@ -31,6 +31,9 @@ struct TransferFile {
     input_delay_s: Vec<f64>,
     /// One for each pair that is not zero.
     transfer: Vec<Transfer>,
+    /// Refused: the states have no meaning that a file could know.
+    initial: Option<serde::de::IgnoredAny>,
+    initial_std: Option<serde::de::IgnoredAny>,
     #[serde(default)]
     effects: Vec<EffectEntry>,
     #[serde(default)]
@@ -75,6 +78,11 @@ pub(super) fn parse(text: &str, syntax: Syntax, path: &Path) -> Result<ModelFile
     let file: TransferFile = parse_text(text, syntax, path)?;
     let wrong = |detail: String| ModelError::File { path: path.to_owned(), detail };
     check_sample_time(path, file.sample_time_s)?;
+    if file.initial.is_some() || file.initial_std.is_some() {
+        return Err(wrong(
+            "a transfer function has no initial state in its file: its states have no physical meaning, and every log's is estimated; give a known one as `kind = \"lti\"` or as equations".to_owned(),
+        ));
+    }
     let matrices = if file.sample_time_s > 0.0 {
         let ts = SampleTime::new(file.sample_time_s)?;
         file.assembled(Sampled(ts), &wrong)?
