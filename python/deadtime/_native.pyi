@@ -99,6 +99,7 @@ def _estimate_events(
     options: Mapping[str, Any],
     name: str,
     max_delay: float | None,
+    paired: bool,
 ) -> tuple[str, dict[str, Any]]: ...
 def _estimate_response(
     path: str | None,

@@ -534,6 +534,7 @@ def estimate_events(
     *,
     method: str | Sequence[str] = "all",
     max_delay: float | None = None,
+    paired: bool = False,
     options: Options | None = None,
     names: tuple[str, str] = ("first", "second"),
     units: tuple[str | None, str | None] = (None, None),
@@ -548,6 +549,8 @@ def estimate_events(
         Names of methods whose scope is `events`, or `all`.
     max_delay : float, optional
         Longest delay to search, s; default 35 typical intervals of the first sequence.
+    paired : bool
+        `first[i]` and `second[i]` are one event, as sent and received times of one packet: equal lengths, and `second` need not increase.
     options : dict of dict, optional
         Options by method.
     names : (str, str)
@@ -564,6 +567,8 @@ def estimate_events(
     ------
     DelayError
         Times that do not increase or are no numbers, fewer than two events.
+    ValueError
+        `paired` with sequences of different lengths.
 
     Examples
     --------
@@ -575,7 +580,10 @@ def estimate_events(
     chosen = _names(method)
     _check_options(chosen, options, ("events",))
     sequences = [(name, unit, _flat(times, name)) for name, unit, times in zip(names, units, (first, second), strict=True)]
-    file, beside = _native._estimate_events(sequences[0], sequences[1], chosen, _plain(options), "events", max_delay)
+    lengths = [len(times) for _, _, times in sequences]
+    if paired and lengths[0] != lengths[1]:
+        raise ValueError(f"paired events: {names[0]} has {lengths[0]} times and {names[1]} has {lengths[1]}; leave paired out if either place missed some")
+    file, beside = _native._estimate_events(sequences[0], sequences[1], chosen, _plain(options), "events", max_delay, paired)
     return Estimates(file, beside, [], "none")
 
 

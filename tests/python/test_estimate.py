@@ -159,6 +159,20 @@ def test_events_are_the_command_line_s(tmp_path: Path) -> None:
     assert result["pairs"] == without_times(file)["pairs"] and result["max_delay_s"] == file["max_delay_s"]
 
 
+def test_paired_events_of_constant_intervals_have_the_mean_delay(tmp_path: Path) -> None:
+    rng = numpy.random.default_rng(3)
+    sent = 0.02 * numpy.arange(300)
+    received = sent + rng.uniform(0.03, 0.05, 300)
+    path = tmp_path / "packets.csv"
+    path.write_text("sent,received\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(sent.tolist(), received.tolist(), strict=True)), encoding="utf-8")
+    file, _ = command_line(tmp_path, str(path), "--events", "sent,received")
+    result = deadtime.estimate_events(sent, received, paired=True, names=("sent", "received"))
+    assert result.verdict.delay_s == pytest.approx(float((received - sent).mean()), abs=0.002)
+    assert without_times(result.to_dict())["pairs"] == without_times(file)["pairs"]
+    with pytest.raises(ValueError, match="sent has 300 times and received has 299"):
+        deadtime.estimate_events(sent, received[1:], paired=True, names=("sent", "received"))
+
+
 def test_events_that_cannot_be_are_refused() -> None:
     with pytest.raises(errors.DelayError, match="event 2 of `first` is at 1"):
         deadtime.estimate_events([0.0, 2.0, 1.0], [1.0, 2.0, 3.0])

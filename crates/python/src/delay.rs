@@ -80,8 +80,9 @@ pub(super) fn _estimate<'py>(
     told(py, &report)
 }
 
-/// The delay between two sequences of event times, each with its name, unit and times.
+/// The delay between two sequences of event times, each with its name, unit and times; `paired`: the times of one place in both are one event.
 #[pyfunction]
+#[allow(clippy::too_many_arguments)]
 pub(super) fn _estimate_events<'py>(
     py: Python<'py>,
     first: (String, Option<String>, Numbers<'py>),
@@ -90,6 +91,7 @@ pub(super) fn _estimate_events<'py>(
     options: &Bound<'py, PyAny>,
     name: String,
     max_delay: Option<f64>,
+    paired: bool,
 ) -> PyResult<Told<'py>> {
     let methods = chosen(&methods, &by_method(options)?, &[Scope::Events]).or_raise(py)?;
     let channels = [first.0.clone(), second.0.clone()];
@@ -97,7 +99,7 @@ pub(super) fn _estimate_events<'py>(
         name,
         unit,
         times: vector(&times),
-        in_rows: false,
+        in_rows: paired,
     });
     let job = EventsJob {
         name,
