@@ -203,7 +203,7 @@ fn cause(d: &Diagnosis) -> String {
     on_training_logs(d) + &further(d) + confirmed
 }
 
-/// The part that stays beside named effects, where it is more than noise.
+/// The unexplained part where effects are named and more than noise remains.
 fn further(d: &Diagnosis) -> String {
     let incomplete = matches!(d.cause.explained, Some(Explained::Mostly | Explained::Part));
     match (Cause::of(d), explained(d)) {

@@ -11,7 +11,7 @@ use super::rows::{Errors, ResponseShape, Rows};
 
 /// Largest number of delays at either end.
 const ENDS: usize = 20;
-/// Least step of the grid, samples: a quarter of the shortest period that most plants pass on, about eight samples.
+/// Least step of the grid, samples: 25 % of the shortest period that most plants pass on, about eight samples.
 const LEAST_STEP: f64 = 2.0;
 /// Rows of a fit in the scan; of a longer record rows at even distances.
 const ROWS: usize = 1000;

@@ -57,7 +57,7 @@ pub(crate) struct Ruling {
     pub(crate) unknown: f64,
     /// The output on which the verdict was decided, and how many times the noise floor is left of it, where that is more than noise.
     pub(crate) left_over: Option<(usize, f64)>,
-    /// What is left is noise, or within what every simulator is inexact by.
+    /// The residual is noise, or within the inexactness of every simulator.
     pub(crate) complete: bool,
 }
 

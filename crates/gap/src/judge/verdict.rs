@@ -28,7 +28,7 @@ pub(crate) struct Judged {
     pub(crate) unknown: f64,
     /// The output on which the verdict was decided, and how many times the noise floor is left of it, where that is more than noise.
     pub(crate) left_over: Option<(usize, f64)>,
-    /// What is left is noise, or within what every simulator is inexact by.
+    /// The residual is noise, or within the inexactness of every simulator.
     pub(crate) complete: bool,
     /// Twice the log-likelihood gain of a further effect that does not matter: the simulator's own error, given the reported effects.
     pub(crate) inexact: f64,
