@@ -78,10 +78,11 @@ fn taken(channel: &mut Channel, number: f64) -> usize {
 
 /// The known number that is far from all others of a channel, and its count.
 fn suspected(channel: &Channel) -> Option<(f64, usize)> {
-    let (mut low, mut high, mut counts) = (f64::INFINITY, f64::NEG_INFINITY, [0; KNOWN.len()]);
+    let (mut low, mut high, mut counts) =
+        (f64::INFINITY, f64::NEG_INFINITY, [0_usize; KNOWN.len()]);
     for value in channel.iter().flatten() {
-        match KNOWN.iter().position(|known| is_number(value, *known)) {
-            Some(known) => counts[known] += 1,
+        match KNOWN.iter().zip(&mut counts).find(|(known, _)| is_number(value, **known)) {
+            Some((_, count)) => *count += 1,
             None => (low, high) = (low.min(value), high.max(value)),
         }
     }
