@@ -12,7 +12,7 @@ use super::report::Pair;
 use super::verdict::conclusion::{RecordFacts, Verdict};
 use super::verdict::weighing::verdict;
 use crate::track::answer::{Anchor, AtOneDelay, Kind, Moving, tracked};
-use crate::track::watch::{Stretch, Watch};
+use crate::track::watch::{Stretch, Watch, Watched};
 use deadtime_identify::Record;
 use deadtime_signal::time::SampleTime;
 
@@ -47,8 +47,7 @@ pub(super) fn tell(
     let watch = Watch::default();
     let Some(seen) = watch.look(&records, search) else { return Ok(()) };
     search.go_on()?;
-    let stretches = seen.of_one_change();
-    let steady = seen.is_steady() || !moves_throughout(&records, &stretches);
+    let steady = is_steady(&seen, &records);
     if steady && !asked.track {
         return Ok(());
     }
@@ -98,7 +97,13 @@ pub(super) fn tell(
 
 /// One delay describes the pair's records.
 pub(super) fn stands(one: &Experiment<'_>, search: &Search) -> Result<bool, DelayError> {
-    Ok(Watch::default().look(&one.pair(0, 0)?, search).is_none_or(|seen| seen.is_steady()))
+    let records = one.pair(0, 0)?;
+    Ok(Watch::default().look(&records, search).is_none_or(|seen| is_steady(&seen, &records)))
+}
+
+/// One delay describes the records, or the input rests in a stretch of another delay.
+fn is_steady(seen: &Watched, records: &[Record<'_>]) -> bool {
+    seen.is_steady() || !moves_throughout(records, &seen.of_one_change())
 }
 
 /// The input moves in every stretch: a stretch without motion has no delay of its own.

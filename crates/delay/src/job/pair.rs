@@ -373,6 +373,27 @@ mod tests {
     }
 
     #[test]
+    fn in_a_loop_a_dead_time_within_one_deviation_of_zero_is_refused() {
+        let ts = SampleTime::new(1.0).unwrap();
+        let of = |delay_s, ci95_s| Verdict {
+            delay_s: Some(delay_s),
+            ci95_s: Some(ci95_s),
+            ..Verdict::none(String::new())
+        };
+        for (delay_s, ci95_s, refused) in [
+            (0.3, [0.25, 0.35], true),
+            (0.9, [0.0, 20.0], true),
+            (2.0, [0.0, 7.0], true),
+            (0.95, [0.0, 2.0], false),
+            (5.0, [0.0, 7.0], false),
+            (2.0, [1.0, 9.0], false),
+        ] {
+            assert_eq!(at_once(&of(delay_s, ci95_s), ts), refused, "{delay_s} {ci95_s:?}");
+        }
+        assert!(!at_once(&Verdict::none(String::new()), ts));
+    }
+
+    #[test]
     fn no_dead_time_in_a_loop_is_no_number_and_in_an_open_one_it_is() {
         for seed in 0..3 {
             let (u, y) = drawn(seed, 0.8, 1);
