@@ -1,6 +1,8 @@
 //! The answer of a diagnosis in sentences, in the order of a reader's questions. Every face prints these.
 
-use super::facts::{Cause, Label, Place, Ranked, Shrink, caveats, described, first, probability};
+use super::facts::{
+    Cause, Label, Place, Ranked, Shrink, acts, caveats, described, first, probability,
+};
 use super::text::{Table, estimate, unit};
 use deadtime_gap::{
     CauseClass, Diagnosed, Diagnosis, Explained, FoundEffect, FoundParameter, HorizonError, Member,
@@ -351,7 +353,7 @@ pub fn parameters_to_fit(d: &Diagnosis) -> Option<Vec<String>> {
 fn left(d: &Diagnosis) -> Option<String> {
     let times = d.cause.remainder.as_ref().and_then(|r| r.above_floor);
     let rest = described(d).map(|sentence| format!(" It looks like {sentence}."));
-    let stays = match times.filter(|_| !d.cause.contributions.is_empty()) {
+    let stays = match times.filter(|_| acts(d)) {
         Some(times) if times > NOISE => {
             Some(format!("{times:.1} times the noise: something else differs, too."))
         }

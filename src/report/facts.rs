@@ -62,7 +62,7 @@ impl<'a> Cause<'a> {
             "none" if d.gap.before.is_none() => Self::NothingMoves,
             "none" => Self::None,
             "unknown" if d.cause.explained == Some(Explained::Mostly) => Self::Mostly,
-            "unknown" if !d.cause.contributions.is_empty() => Self::Part,
+            "unknown" if acts(d) => Self::Part,
             "unknown" => Self::Unknown,
             _ => Self::Effects(&d.cause.effects),
         }
@@ -85,14 +85,10 @@ impl Shrink {
     pub(super) fn of(d: &Diagnosis) -> Self {
         let s = &d.shrink;
         match (s.before, s.after, s.floor, s.fraction) {
-            (Some(before), Some(after), ..)
-                if before == after && !d.cause.contributions.is_empty() =>
-            {
+            (Some(before), Some(after), ..) if before == after && acts(d) => {
                 Self::NotConfirmed { before }
             }
-            (Some(before), Some(after), Some(floor), Some(fraction))
-                if !d.cause.contributions.is_empty() =>
-            {
+            (Some(before), Some(after), Some(floor), Some(fraction)) if acts(d) => {
                 Self::Falls { before, after, floor, fraction }
             }
             (Some(before), ..) => Self::NothingAdded { before },
@@ -195,6 +191,11 @@ pub(super) fn probability(d: &Diagnosis) -> f64 {
 /// The recalibration of the model's own parameters, where it is part of the answer.
 pub(super) fn recalibrated(d: &Diagnosis) -> Option<&Recalibration> {
     d.cause.recalibration.as_ref().filter(|r| r.accepted)
+}
+
+/// Whether something was found to act: a cause of its own, or the recalibrated parameters.
+pub(super) fn acts(d: &Diagnosis) -> bool {
+    !d.cause.contributions.is_empty() || recalibrated(d).is_some()
 }
 
 /// The remainder as a missing force.

@@ -260,13 +260,20 @@ impl Judgement {
     fn of(
         likelihood: &Likelihood<'_>,
         found: &SearchResult,
-        [candidates, remedies]: [&[Applied]; 2],
+        [candidates, remedies, limits]: [&[Applied]; 3],
         scales: &Scales,
         smallest: &[f64],
         progress: &dyn Fn(Stage),
     ) -> Option<Self> {
-        let conclusion =
-            Conclusion { likelihood, catalogue: candidates, found, remedies, scales, smallest };
+        let conclusion = Conclusion {
+            likelihood,
+            catalogue: candidates,
+            found,
+            remedies,
+            limits,
+            scales,
+            smallest,
+        };
         let composed = conclusion.from(progress)?;
         let judged = &composed.judged;
         let searched = judged.found.as_ref().is_none_or(|e| e.effects.len() < 3);
@@ -349,7 +356,7 @@ fn in_stages(
 
     progress(Stage::Judging);
     let smallest = &baseline.motion.smallest;
-    let tried = [candidates.as_slice(), checked.remedies.as_slice()];
+    let tried = [&candidates, &checked.remedies, &checked.limits].map(Vec::as_slice);
     let judgement = Judgement::of(&likelihood, &found, tried, &scales, smallest, progress)
         .ok_or_else(|| not_finite(&inputs.training))?;
     progress(Stage::Describing);

@@ -8,7 +8,7 @@ use super::frame::{Cell, figure, named, number, page, percent, plots, quoted, ta
 use super::series::{Thinning, base64};
 use super::{force, laws, residual};
 use crate::report::diagnosis::{Line, base, caveat_lines, lines, others, sure, values};
-use crate::report::facts::{Cause, Label, Ranked, probability, recalibrated};
+use crate::report::facts::{Cause, Label, Ranked, acts, probability, recalibrated};
 use deadtime_gap::{
     CauseClass, CommandTrace, Contribution, Diagnosed, Diagnosis, FoundEffect, FoundParameter,
     HorizonError, Mode, RankingRow, Share, Strength, Trace, in_words, listed,
@@ -87,13 +87,12 @@ fn tiles(d: &Diagnosis) -> Markup {
     let tile = |title: &str, value: &str, about: &str| {
         html! { div .tile { span .faint { (title) } strong { (value) } span { (about) } } }
     };
-    let error =
-        match (d.shrink.before, d.shrink.after.filter(|_| !d.cause.contributions.is_empty())) {
-            (Some(before), Some(after)) => {
-                format!("{} → {}", percent(Some(before)), percent(Some(after)))
-            }
-            (before, _) => percent(before),
-        };
+    let error = match (d.shrink.before, d.shrink.after.filter(|_| acts(d))) {
+        (Some(before), Some(after)) => {
+            format!("{} → {}", percent(Some(before)), percent(Some(after)))
+        }
+        (before, _) => percent(before),
+    };
     let first = d.cause.classes.first();
     let (cause, about) = match (d.cause.effects.as_slice(), first) {
         (_, Some(class)) => {
@@ -346,7 +345,7 @@ fn waterfall(d: &Diagnosis, noise: f64) -> Vec<Vec<Cell>> {
 
 /// The shares of the gap.
 fn budget(d: &Diagnosis) -> Markup {
-    let found = !d.cause.contributions.is_empty() || recalibrated(d).is_some();
+    let found = acts(d);
     let (Some(before), Some(floor), true) = (d.gap.before, d.gap.floor, found) else {
         return html! {};
     };
@@ -389,7 +388,7 @@ fn parameter([effect, channel, clear]: [&str; 3], p: &FoundParameter) -> Vec<Cel
 
 /// Each parameter with its interval on an axis that holds zero.
 fn parameters(d: &Diagnosis) -> Markup {
-    if d.cause.contributions.is_empty() && recalibrated(d).is_none() {
+    if !acts(d) {
         return html! {};
     }
     let clear = |c: &Contribution| match (c.strength, c.surrogate) {
@@ -510,7 +509,7 @@ fn not_tried(d: &Diagnosis) -> Vec<(&str, Vec<&str>)> {
 /// Every output, and all together: the gap on the training logs, the error on held-out data before, after and as noise.
 fn outputs(d: &Diagnosis, after: &dyn Fn(Option<f64>) -> String) -> Vec<Vec<Cell>> {
     let s = &d.shrink;
-    let found = !d.cause.contributions.is_empty();
+    let found = acts(d);
     let errors = s.outputs.iter().flat_map(|o| [o.before, o.after]).chain([s.before, s.after]);
     let most = errors.flatten().filter(|v| v.is_finite()).fold(1e-9, f64::max);
     let at = |v: Option<f64>| v.unwrap_or(0.0) / most;
@@ -542,7 +541,7 @@ fn outputs(d: &Diagnosis, after: &dyn Fn(Option<f64>) -> String) -> Vec<Vec<Cell
 
 /// How big, and how far it shrinks.
 fn size(d: &Diagnosis) -> Markup {
-    let found = !d.cause.contributions.is_empty();
+    let found = acts(d);
     let after = |v: Option<f64>| if found { percent(v) } else { "–".to_owned() };
     let s = &d.shrink;
     let headings = [

@@ -46,10 +46,16 @@ pub(crate) fn cause(
         .filter(is_named)
         .collect();
     let ranking = ranking(composed, (found, named.as_ref()), &classes, after);
+    let singly: Vec<String> = composed
+        .singly()
+        .into_iter()
+        .filter_map(|at| Some(composed.hypothesis.as_ref()?.effects[at].key()))
+        .collect();
     let alike: Vec<&EffectClass> = composed
         .classes
         .iter()
         .filter(|class| judged.found.is_some() && class.aliases().next().is_some())
+        .filter(|class| singly.contains(&class.effect.key()))
         .collect();
     let next_experiment = match (alike.first(), judged.best.as_ref()) {
         (Some(class), Some(best)) => {

@@ -7,6 +7,7 @@ use crate::causes::conclusion::ActiveCauses;
 use crate::causes::search::NAMED;
 use crate::format::class::{CauseClass, Grounds, Member, RECALIBRATION, in_words, listed};
 use crate::format::contributions::{Contribution, Recalibration, Strength};
+use crate::judge::intervals::Together;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::Applied;
 
@@ -41,12 +42,14 @@ pub(crate) fn classes(
                 grounds,
             });
         } else if at.is_some_and(|at| composed.block().contains(&at)) {
-            let each = composed.block().into_iter();
-            let each = each.map(|at| deviations(&hypothesis.effects[at], &found[at]));
-            let deviations = each.fold(0.0, f64::max);
+            let deviations = composed
+                .estimate
+                .as_ref()
+                .and_then(|e| e.together.as_ref())
+                .map_or(0.0, Together::deviations);
             let share = recalibration.share.learnt.unwrap_or(0.0);
             let grounds = Grounds { evidence, deviations, share };
-            classes.extend(recalibrated(composed, recalibration, grounds));
+            classes.extend(recalibrated(composed, class, recalibration, grounds));
         }
     }
     let share = |c: &CauseClass| c.share.learnt.unwrap_or(0.0);
@@ -65,6 +68,7 @@ pub(crate) fn classes(
 /// The class of the joint recalibration.
 fn recalibrated(
     composed: &ActiveCauses,
+    class: &EffectClass,
     recalibration: &Recalibration,
     grounds: Grounds,
 ) -> Option<CauseClass> {
@@ -76,7 +80,7 @@ fn recalibrated(
     Some(CauseClass {
         probability: probability(&grounds),
         name: format!("other values of the parameters {}", listed(&names)),
-        members: vec![Member::Several(keys)],
+        members: std::iter::once(Member::Several(keys)).chain(instead(class)).collect(),
         representative: RECALIBRATION.to_owned(),
         share: recalibration.share,
         strength: Strength::Clear,
@@ -85,9 +89,12 @@ fn recalibrated(
 }
 
 fn members(class: &EffectClass) -> Vec<Member> {
-    let one = |effects: &Vec<Applied>| match effects.as_slice() {
+    std::iter::once(Member::One(class.effect.key())).chain(instead(class)).collect()
+}
+
+fn instead(class: &EffectClass) -> impl Iterator<Item = Member> {
+    class.instead.iter().map(|effects| match effects.as_slice() {
         [one] => Member::One(one.key()),
         several => Member::Several(several.iter().map(Applied::key).collect()),
-    };
-    std::iter::once(Member::One(class.effect.key())).chain(class.instead.iter().map(one)).collect()
+    })
 }

@@ -198,7 +198,8 @@ impl Answer<'_> {
         share_classes(&mut contributions, &cause.indistinguishable);
         let (description, missing_force) = self.described(runs).unzip();
         remainder.description = description;
-        if composed.judged.verdict == GapVerdict::Unknown && contributions.is_empty() {
+        let nothing_acts = contributions.is_empty() && !recalibration.accepted;
+        if composed.judged.verdict == GapVerdict::Unknown && nothing_acts {
             remainder.unrelated = unrelated(likelihood, &runs.before, &self.motion.smallest);
         }
         cause.not_tried.clone_from(&self.left_out);

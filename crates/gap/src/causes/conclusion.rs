@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::alternatives::classes;
 use super::class::EffectClass;
-use super::search::{Found, Search};
+use super::search::{Found, NAMED, Search};
 use super::set::{CauseSet, in_order};
 use super::training::Training;
 use crate::baseline::noise::Noise;
@@ -24,7 +24,7 @@ use crate::judge::rule::{GapVerdict, Ruling};
 use crate::judge::verdict::{Judged, judge, ruled};
 use crate::likelihood::active_effects::NO_EFFECT;
 use crate::likelihood::errors::{Errors, overall};
-use crate::likelihood::gaussian::Likelihood;
+use crate::likelihood::gaussian::{Likelihood, Whitened};
 use crate::likelihood::residuals::residuals;
 use crate::search::catalogue::numbers;
 use crate::search::catalogue_search::{SearchResult, noise_of};
@@ -125,6 +125,8 @@ pub(crate) struct Conclusion<'c, 'a> {
     pub(crate) found: &'c SearchResult,
     /// The effects that the checks of the logs propose.
     pub(crate) remedies: &'c [Applied],
+    /// The limits at which outputs stop, as effects.
+    pub(crate) limits: &'c [Applied],
     pub(crate) scales: &'c Scales,
     /// Per output, the rounding error.
     pub(crate) smallest: &'c [f64],
@@ -152,12 +154,16 @@ impl Conclusion<'_, '_> {
         let scaled = |a: &Applied| a.parameters.iter().all(|p| p.nominal != 0.0);
         let numbers: Vec<Applied> =
             numbers(self.likelihood.system).into_iter().filter(scaled).collect();
-        let search = Search::new(&training, &candidates, &numbers, self.scales, self.smallest)?;
+        let limits = self.limits.iter().filter(|l| candidates.iter().any(|c| c.key() == l.key()));
+        let limits: Vec<Applied> = limits.cloned().collect();
+        let search =
+            Search::new(&training, [&candidates, &numbers, &limits], self.scales, self.smallest)?;
         let begun = |e: &Hypothesis| CauseSet::begun(e.effects.clone(), None, e.lost.clone());
         let asked = (!self.remedies.is_empty())
             .then(|| CauseSet::begun(in_order(self.remedies.iter().cloned()), None, None));
         let alone = self.found.singles.iter().filter(|e| e.fitted && !lattice(e)).take(ALONE);
-        let found = search.from(alone.map(begun).collect(), asked)?;
+        let stops = limits.iter().map(|l| CauseSet::begun(vec![l.clone()], None, None));
+        let found = search.from(alone.map(begun).chain(stops).collect(), asked)?;
         let (_, best) = found.sets.first()?;
         let nothing = Level::of(self.likelihood, None)?;
         let alone = leader.and_then(|e| Level::of(self.likelihood, Some(e)));
@@ -240,6 +246,11 @@ impl Conclusion<'_, '_> {
         if let Some(fewer) = unsure.and_then(|out| found.without(best, out)) {
             return self.concluded(reached, found, fewer);
         }
+        if let Some(fewer) = found.without_recalibration(best)
+            && shrunk.recalibrates_noise(&final_noise, &hypothesis)
+        {
+            return self.concluded(reached, found, fewer);
+        }
         let without = shrunk.refitted(&hypothesis, &taken_out);
         let (nothing, with_all) =
             (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
@@ -249,7 +260,8 @@ impl Conclusion<'_, '_> {
         let small = overall_of(&nothing)
             .zip(overall_of(&with_all))
             .is_some_and(|(before, after)| before < self.likelihood.criteria.clear * after);
-        let of_the_numbers = small && best.singly().next().is_none();
+        let of_the_numbers =
+            small && !self.names_an_effect(best, &taken_out, [&nothing, &with_all]);
         let (floor, ruling) = if of_the_numbers {
             let recalibrated = Level { hypothesis: None, ..with_all };
             self.ruled([&recalibrated, &recalibrated], &reached)
@@ -280,6 +292,22 @@ impl Conclusion<'_, '_> {
             recalibration: best.recalibration,
             estimate,
         })
+    }
+
+    /// Whether an effect beside the joint recalibration explains a part of the gap that is named. `taken_out`: per effect the others, the recalibration last.
+    fn names_an_effect(
+        &self,
+        best: &CauseSet,
+        taken_out: &[Hypothesis],
+        [nothing, with_all]: [&Level; 2],
+    ) -> bool {
+        let square = |level: &Level| overall(&level.train.nrmse()).map_or(0.0, |e| e * e);
+        let (gap, left) = (square(nothing), square(with_all));
+        let share = |without: &Hypothesis| {
+            self.error_of(without).map_or(f64::INFINITY, |error| error * error - left)
+        };
+        let singly = taken_out.len() - usize::from(best.recalibration.is_some());
+        taken_out[..singly].iter().any(|without| share(without) >= NAMED * gap)
     }
 
     /// The rules of the verdict, and the floor given the residuals of all `reached` hypotheses.
@@ -359,7 +387,7 @@ impl Conclusion<'_, '_> {
                 let away = p.departure(a.values[i]);
                 (!p.role.is_shape() && away.is_finite()).then(|| away * away / covariance[(at, at)])
             };
-            let price = found.price(places.clone().count());
+            let price = found.price(places.clone().count(), a);
             places.filter_map(size).reduce(f64::max).filter(|gain| *gain < price)?;
             let others = Self::taken_out(hypothesis, &[vec![e]]).pop()?;
             let steps = final_noise.budget.steps;
@@ -377,6 +405,35 @@ impl Conclusion<'_, '_> {
         });
         let all: Vec<(f64, &Applied)> = singly.filter_map(lacks).collect();
         all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, a)| a)
+    }
+
+    /// Whether the joint recalibration costs more than it explains under the coloured noise of the residual. Its cost is that of the score: the prior, and the
+    /// determinant of the information in units of the prior.
+    fn recalibrates_noise(&self, final_noise: &Likelihood<'_>, hypothesis: &Hypothesis) -> bool {
+        let costs = || -> Option<[f64; 2]> {
+            let slopes = hypothesis.slopes(final_noise, self.scales)?;
+            let prior = hypothesis.prior(final_noise);
+            let block: Vec<usize> = (0..prior.len()).filter(|&at| prior[at].0 > 0.0).collect();
+            let columns: Vec<&Whitened> = block.iter().map(|&at| &slopes.columns[at]).collect();
+            let mut information = final_noise.inner_of_all(&columns);
+            for (i, &a) in block.iter().enumerate() {
+                for (j, &b) in block.iter().enumerate() {
+                    information[(i, j)] /= (prior[a].0 * prior[b].0).sqrt();
+                }
+                information[(i, i)] += 1.0;
+            }
+            let factor = information.cholesky()?;
+            let determinant: f64 = factor.l_dirty().diagonal().iter().map(|d| 2.0 * d.ln()).sum();
+            let moved: f64 = block.iter().map(|&at| prior[at].1.powi(2) * prior[at].0).sum();
+            let own = final_noise.inner(&slopes.residual, &slopes.residual);
+            let block: Vec<usize> = block.iter().map(|&at| hypothesis.free[at].0).collect();
+            let others = Self::taken_out(hypothesis, &[block]).pop()?;
+            let steps = final_noise.budget.steps;
+            let others = Hypothesis::refit(final_noise, others, self.scales, own, steps)?;
+            let left = final_noise.whitened(&others)?;
+            Some([own + moved + determinant, final_noise.inner(&left, &left)])
+        };
+        costs().is_some_and(|[with, without]| without < with)
     }
 
     /// The training nrmse of all outputs.

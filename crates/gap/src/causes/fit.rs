@@ -84,7 +84,9 @@ impl Fit<'_, '_, '_> {
         let (mut value, mut left) = self.profiled(&residual, &self.priors(&set), None)?;
         let mut directions = None;
         let single = |(e, _): &&(usize, usize)| !set.recalibrates(&set.effects[*e]);
-        let price = self.score.price(set.free.iter().filter(single).count(), set.singly().count());
+        let price = self
+            .score
+            .price(set.free.iter().filter(single).count(), self.score.choices(set.singly()));
         for step in 1..=STEPS {
             let at =
                 Directions { columns: self.columns(&set, &residual), residual: residual.clone() };

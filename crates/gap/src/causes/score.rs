@@ -3,11 +3,14 @@
 //! ```text
 //! E(S) = Σ_o n_o ln(RSS_o / N_o + T_o)     misfit; n_o = N_o / τ_o effective samples of output o
 //!      + k ln Σ_o n_o                      parameters that act (Schwarz 1978, doi:10.1214/aos/1176344136)
-//!      + 2 m ln C                          choice of m effects among C candidates (Chen and Chen 2008, doi:10.1093/biomet/asn034)
+//!      + 2 m ln C                          choice of m effects among C candidates (Chen and Chen 2008, doi:10.1093/biomet/asn034);
+//!                                         an effect that the measured values show is not chosen
 //!      + Σ_j min(|Δy_j|² / G, 10⁴)         normal prior on what each effect moves alone, of the gap's own size
 //!      + initial states and nuisances under their priors
 //!      + Σ ((p − p₀) / (s p₀))² + ln det(I + s p₀ H s p₀)     joint recalibration of all parameters
 //! ```
+
+use deadtime_model::effect::Applied;
 
 use super::set::CauseSet;
 use super::training::{Stacked, Training};
@@ -26,15 +29,17 @@ pub(crate) struct Score {
     inexact: Vec<f64>,
     /// The number of candidates.
     candidates: usize,
+    /// Keys of the effects that the measured values show without any model: they are not chosen.
+    shown: Vec<String>,
 }
 
 impl Score {
-    /// From the nominal model's residual; `smallest`: per output, the rounding error.
+    /// From the nominal model's residual; `smallest`: per output, the rounding error. The second list holds the candidates that the measured values show.
     pub(crate) fn of(
         training: &Training<'_, '_>,
         nominal: &Stacked,
         smallest: &[f64],
-        candidates: usize,
+        [candidates, shown]: [&[Applied]; 2],
     ) -> Self {
         let (gap, part) = (training.squares(nominal), training.likelihood.criteria.inexact_gap);
         let parts = gap.iter().zip(&training.counts).zip(&training.variances).zip(smallest);
@@ -46,7 +51,8 @@ impl Score {
             counts: training.counts.clone(),
             correlation: correlation(training, nominal),
             inexact: inexact.collect(),
-            candidates,
+            candidates: candidates.len(),
+            shown: shown.iter().map(Applied::key).collect(),
         }
     }
 
@@ -83,6 +89,11 @@ impl Score {
             + 2.0 * effects as f64 * (self.candidates.max(1) as f64).ln()
     }
 
+    /// The effects that were chosen among all candidates.
+    pub(super) fn choices<'e>(&self, effects: impl Iterator<Item = &'e Applied>) -> usize {
+        effects.filter(|a| self.shown.is_empty() || !self.shown.contains(&a.key())).count()
+    }
+
     /// The score of a set without its price.
     pub(crate) fn explained(&self, set: &CauseSet) -> f64 {
         self.misfit(&set.squares) + set.priors
@@ -90,7 +101,7 @@ impl Score {
 
     /// The score of a set.
     pub(crate) fn total(&self, set: &CauseSet) -> f64 {
-        self.explained(set) + self.price(set.acting, set.singly().count())
+        self.explained(set) + self.price(set.acting, self.choices(set.singly()))
     }
 }
 

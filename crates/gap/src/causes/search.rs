@@ -11,7 +11,7 @@ use super::class::EffectClass;
 use super::fit::Fit;
 use super::proposals::Proposal;
 use super::score::Score;
-use super::set::{CauseSet, SetKey, in_order};
+use super::set::{CauseSet, SetKey, in_order, key};
 use super::training::{Stacked, Training};
 use crate::hypothesis::penalised_gain::NO_EVIDENCE;
 use crate::likelihood::active_effects::NO_EFFECT;
@@ -103,20 +103,33 @@ impl Found {
             let evidence = evidence_without(&lacks);
             EffectClass { effect: out.clone(), instead, evidence }
         };
-        let recalibrated = block.map(|first| EffectClass {
-            effect: first.clone(),
-            instead: Vec::new(),
-            evidence: evidence_without(&|set| {
+        let recalibrated = block.map(|first| {
+            let instead = self.replacing_recalibration(best, least);
+            let lacks = |set: &CauseSet| {
                 set.recalibration.is_none()
                     && set.effects.iter().all(|a| !a.effect.corrects_model())
-            }),
+                    && instead
+                        .iter()
+                        .all(|member| set.effects.iter().all(|a| a.key() != member.key()))
+            };
+            let evidence = evidence_without(&lacks);
+            let instead = instead.into_iter().map(|member| vec![member]).collect();
+            EffectClass { effect: first.clone(), instead, evidence }
         });
         best.singly().map(of).chain(recalibrated).collect()
     }
 
     /// The visited set without one effect of a set.
     pub(crate) fn without(&self, best: &CauseSet, out: &Applied) -> Option<&CauseSet> {
-        let key = best.without(out).key();
+        self.visited(&best.without(out).key())
+    }
+
+    /// The visited set without the joint recalibration of a set.
+    pub(crate) fn without_recalibration(&self, best: &CauseSet) -> Option<&CauseSet> {
+        best.recalibration.and_then(|_| self.visited(&key(best.singly(), false)))
+    }
+
+    fn visited(&self, key: &str) -> Option<&CauseSet> {
         self.sets.iter().find(|(_, set)| set.key() == key).map(|(_, set)| set)
     }
 
@@ -174,8 +187,21 @@ impl Found {
     }
 
     /// The price of one effect with the given number of parameters.
-    pub(crate) fn price(&self, parameters: usize) -> f64 {
-        self.score.price(parameters, 1)
+    pub(crate) fn price(&self, parameters: usize, applied: &Applied) -> f64 {
+        self.score.price(parameters, self.score.choices([applied].into_iter()))
+    }
+
+    /// The effects that alone replace the joint recalibration of the best set.
+    fn replacing_recalibration(&self, best: &CauseSet, least: f64) -> Vec<Applied> {
+        let Some(without) = self.without_recalibration(best) else { return Vec::new() };
+        let own = self.energy(without) - self.energy(best);
+        let replacement = |(score, other): &(f64, CauseSet)| {
+            let alike = *score <= least + AS_GOOD
+                || self.energy(other) - self.energy(best) <= self.inexact * own;
+            let one = one_in_place_of_recalibration(best, other)?;
+            alike.then(|| one.clone())
+        };
+        self.sets.iter().filter_map(replacement).collect()
     }
 
     /// The replacements of an effect of the best set: one effect, or two where no set with one of them alone does.
@@ -222,16 +248,15 @@ pub(crate) struct Search<'s, 'l, 'a> {
 }
 
 impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
-    /// `None` where the nominal model cannot be simulated.
+    /// From candidates, all parameters of the model, and the candidates that the measured values show; `None` where the nominal model cannot be simulated.
     pub(crate) fn new(
         training: &'s Training<'l, 'a>,
-        candidates: &'s [Applied],
-        numbers: &'s [Applied],
+        [candidates, numbers, shown]: [&'s [Applied]; 3],
         scales: &'s Scales,
         smallest: &[f64],
     ) -> Option<Self> {
         let nominal = training.residual(NO_EFFECT)?;
-        let score = Score::of(training, &nominal, smallest, candidates.len());
+        let score = Score::of(training, &nominal, smallest, [candidates, shown]);
         Some(Self {
             training,
             candidates,
@@ -582,6 +607,7 @@ fn leader(sets: &[(f64, CauseSet)]) -> Option<usize> {
         set.key() == best.key()
             || lacking.contains(&set.key())
             || best.singly().any(|out| replaces(best, out, set, 1).is_some())
+            || one_in_place_of_recalibration(best, set).is_some()
     });
     let rows = |set: &CauseSet| set.singly().map(|a| row(a.effect)).collect::<Vec<_>>();
     let block = |set: &CauseSet| set.effects.iter().filter(|a| set.recalibrates(a)).count();
@@ -596,6 +622,18 @@ fn replaces(set: &CauseSet, out: &Applied, other: &CauseSet, count: usize) -> Op
     let is_new = |a: &&Applied| set.singly().all(|own| own.key() != a.key());
     let fresh: Vec<Applied> = other.singly().filter(is_new).cloned().collect();
     (same && fresh.len() == count).then_some(fresh)
+}
+
+/// The effect by which another set replaces the joint recalibration of a set, all others being the same.
+fn one_in_place_of_recalibration<'o>(set: &CauseSet, other: &'o CauseSet) -> Option<&'o Applied> {
+    let is_own = |a: &&Applied| set.singly().any(|own| own.key() == a.key());
+    let mut fresh = other.singly().filter(|a| !is_own(a));
+    let one = fresh.next()?;
+    let replaces = set.recalibration.is_some()
+        && other.recalibration.is_none()
+        && fresh.next().is_none()
+        && other.singly().filter(is_own).count() == set.singly().count();
+    replaces.then_some(one)
 }
 
 /// The relative size of the parameters' errors as the fitted ones have it.

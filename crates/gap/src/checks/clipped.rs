@@ -6,6 +6,7 @@ use super::moments::deviation;
 use super::moments::mean;
 use super::runs::Trace;
 use crate::format::diagnosis::{Check, CheckKind};
+use deadtime_model::effect::{Applied, find};
 
 /// The least number of samples at the limit,
 const FEWEST: usize = 5;
@@ -59,6 +60,21 @@ pub(super) fn check(e: &Evidence<'_>) -> Vec<Check> {
 pub(super) fn limits(e: &Evidence<'_>, at: usize, output: usize) -> [Option<f64>; 2] {
     let trace = Trace::output(e.view.records[at], output);
     [true, false].map(|upper| limit(e, at, output, &trace, upper).map(|(value, _)| value))
+}
+
+/// The limits of every output that stops at one, as effects of the catalogue.
+pub(super) fn as_effects(e: &Evidence<'_>) -> Vec<Applied> {
+    let Ok(effect) = find("sensor_saturation") else { return Vec::new() };
+    let of = |output: usize| {
+        let found = (0..e.view.records.len()).map(|at| limits(e, at, output));
+        let [upper, lower] =
+            found.fold([None, None], |[upper, lower], [high, low]| [upper.or(high), lower.or(low)]);
+        upper.or(lower)?;
+        let mut limited = Applied::nominal(e.view.system, effect, e.output(output)).ok()?;
+        limited.values = vec![lower.unwrap_or(f64::NEG_INFINITY), upper.unwrap_or(f64::INFINITY)];
+        Some(limited)
+    };
+    (0..e.view.outputs()).filter_map(of).collect()
 }
 
 /// The limit and how many samples are at it.

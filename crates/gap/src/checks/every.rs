@@ -39,6 +39,8 @@ pub(crate) struct Checked {
     pub(crate) checks: Vec<Check>,
     /// Signs and units that are wrong, each as an effect that does the same.
     pub(crate) remedies: Vec<Applied>,
+    /// The limits at which outputs stop, each as an effect with these values.
+    pub(crate) limits: Vec<Applied>,
 }
 
 /// All checks on the training logs. `predictor`: as chosen from the simulator, for any prediction of the diagnosis.
@@ -70,5 +72,6 @@ pub(crate) fn checks(
         steps.one_more();
         found
     };
-    Checked { checks: CHECKS.iter().flat_map(run).collect(), remedies }
+    let checks = CHECKS.iter().flat_map(run).collect();
+    Checked { checks, remedies, limits: clipped::as_effects(&evidence) }
 }

@@ -30,6 +30,26 @@ const DOUBLINGS: usize = 20;
 pub(crate) struct Estimate {
     /// In the order of the hypothesis's `free`; `None` at a bound, or where the data hold no information; infinite where the data allow any size.
     pub(crate) std: Vec<Option<f64>>,
+    /// The distance of the recalibrated parameters together from their nominal values; `None` without any.
+    pub(crate) together: Option<Together>,
+}
+
+/// The distance of several parameters from their nominal values, along the direction in which it is most standard deviations.
+///
+/// Parameters of which only a ratio shows are each unknown, and their ratio is known.
+#[derive(Debug, Clone)]
+pub(crate) struct Together {
+    /// Of a parameter, its place and its weight in the direction.
+    weights: Vec<(usize, f64)>,
+    distance: f64,
+    variance: f64,
+}
+
+impl Together {
+    /// In standard deviations.
+    pub(crate) fn deviations(&self) -> f64 {
+        if self.variance > 0.0 { self.distance / self.variance.sqrt() } else { 0.0 }
+    }
 }
 
 /// The nominal parameters whose error could be mistaken for a part of an effect: one column each for a relative error of 1.
@@ -144,6 +164,7 @@ pub(crate) fn estimate(
     let blocks = block_scores(likelihood, &columns, &slopes.residual, &length, &step);
     let spread = &covariance * &blocks * &covariance;
     let cost = likelihood.inner(&slopes.residual, &slopes.residual);
+    let together = together(hypothesis, &precision, &length, [&covariance, &spread], &step);
     let std = hypothesis.free.iter().enumerate().map(|(at, &parameter)| {
         // The shift of the parameter with free nominal parameters is part of the uncertainty.
         let variance = covariance[(at, at)].max(spread[(at, at)]) + step[at] * step[at];
@@ -152,7 +173,42 @@ pub(crate) fn estimate(
         Some(as_far_as_unnoticed(likelihood, hypothesis, parameter, std, cost))
     });
     let std = std.collect();
-    Some(Estimate { std })
+    Some(Estimate { std, together })
+}
+
+/// The recalibrated parameters together; `covariances`: that of the posterior, and that of the scores of blocks of time; both and the step in units of the
+/// columns' lengths.
+fn together(
+    hypothesis: &Hypothesis,
+    precision: &[f64],
+    length: &[f64],
+    covariances: [&DMatrix<f64>; 2],
+    step: &DVector<f64>,
+) -> Option<Together> {
+    let block: Vec<usize> = (0..precision.len()).filter(|&at| precision[at] > 0.0).collect();
+    if block.is_empty() {
+        return None;
+    }
+    let off = DVector::from_iterator(
+        block.len(),
+        block.iter().map(|&at| {
+            let (e, i) = hypothesis.free[at];
+            let applied = &hypothesis.effects[e];
+            (applied.values[i] - applied.parameters[i].nominal) * length[at]
+        }),
+    );
+    let of = |all: &DMatrix<f64>| {
+        DMatrix::from_fn(block.len(), block.len(), |i, j| all[(block[i], block[j])])
+    };
+    let [posterior, sandwich] = covariances.map(of);
+    let direction = posterior.clone().cholesky()?.solve(&off);
+    let variance = |of: &DMatrix<f64>| direction.dot(&(of * &direction));
+    let shift: f64 = block.iter().zip(direction.iter()).map(|(&at, w)| w * step[at]).sum();
+    Some(Together {
+        weights: block.iter().zip(direction.iter()).map(|(&at, w)| (at, w * length[at])).collect(),
+        distance: direction.dot(&off),
+        variance: variance(&posterior).max(variance(&sandwich)) + shift * shift,
+    })
 }
 
 /// The factor of the prior on recalibrated parameters over the rms of the fitted errors. The data determine γ = n − Σ held of the n parameters (MacKay 1992);
@@ -183,10 +239,15 @@ impl Estimate {
         hypothesis: &Hypothesis,
         variance: impl Fn((&str, usize)) -> f64,
     ) -> Self {
-        let wider = |(std, &(e, i)): (Option<f64>, &(usize, usize))| {
-            std.map(|std| std.hypot(variance((&hypothesis.effects[e].key(), i)).sqrt()))
-        };
-        Self { std: self.std.into_iter().zip(&hypothesis.free).map(wider).collect() }
+        let of = |&(e, i): &(usize, usize)| variance((&hypothesis.effects[e].key(), i));
+        let wider =
+            |(std, at): (Option<f64>, &(usize, usize))| std.map(|std| std.hypot(of(at).sqrt()));
+        let together = self.together.map(|together| {
+            let more = |(at, weight): &(usize, f64)| weight * weight * of(&hypothesis.free[*at]);
+            let variance = together.variance + together.weights.iter().map(more).sum::<f64>();
+            Together { variance, ..together }
+        });
+        Self { std: self.std.into_iter().zip(&hypothesis.free).map(wider).collect(), together }
     }
 
     /// Every effect is so many standard deviations away from the value at which it does nothing.
@@ -394,8 +455,9 @@ D = [[0.0]]
             fitted: true,
             lost: None,
         };
-        let apart =
-            |std: Option<f64>| Estimate { std: vec![std] }.one_apart(&hypothesis, 0, NORMAL_95);
+        let apart = |std: Option<f64>| {
+            Estimate { std: vec![std], together: None }.one_apart(&hypothesis, 0, NORMAL_95)
+        };
         assert!(apart(Some(0.1)) && apart(None) && !apart(Some(f64::INFINITY)));
     }
 }
