@@ -72,6 +72,7 @@ mod gap_mixture;
 mod gap_moving;
 mod gap_nominal;
 mod gap_nuisances;
+mod gap_numbers;
 mod gap_rest;
 mod gap_stepping;
 mod gate;

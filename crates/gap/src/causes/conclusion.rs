@@ -255,13 +255,15 @@ impl Conclusion<'_, '_> {
         let (nothing, with_all) =
             (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
         reached.push(with_all.noise(self.likelihood));
-        // Every model's parameters are a little off: a recalibration that lowers a small gap is no cause.
+        // Every model's parameters are a little off: a recalibration by so little that lowers a small gap is no cause.
         let overall_of = |level: &Level| overall(&level.train.nrmse());
         let small = overall_of(&nothing)
             .zip(overall_of(&with_all))
             .is_some_and(|(before, after)| before < self.likelihood.criteria.clear * after);
+        let criteria = &self.likelihood.criteria;
+        let usual = best.recalibration.is_some_and(|size| size <= criteria.usual_error);
         let of_the_numbers =
-            small && !self.names_an_effect(best, &taken_out, [&nothing, &with_all]);
+            small && usual && !self.names_an_effect(best, &taken_out, [&nothing, &with_all]);
         let (floor, ruling) = if of_the_numbers {
             let recalibrated = Level { hypothesis: None, ..with_all };
             self.ruled([&recalibrated, &recalibrated], &reached)
@@ -401,7 +403,10 @@ impl Conclusion<'_, '_> {
         };
         let effects = hypothesis.effects.iter().enumerate();
         let singly = effects.filter(|(_, a)| {
-            !best.recalibrates(a) && !a.effect.loses_commands() && !a.effect.leaves_residual()
+            !best.recalibrates(a)
+                && !a.effect.loses_commands()
+                && !a.effect.leaves_residual()
+                && !found.is_shown(a)
         });
         let all: Vec<(f64, &Applied)> = singly.filter_map(lacks).collect();
         all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, a)| a)

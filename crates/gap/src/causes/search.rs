@@ -204,6 +204,11 @@ impl Found {
         self.sets.iter().filter_map(replacement).collect()
     }
 
+    /// Whether the measured values show an effect without any model.
+    pub(crate) fn is_shown(&self, applied: &Applied) -> bool {
+        self.score.choices([applied].into_iter()) == 0
+    }
+
     /// The replacements of an effect of the best set: one effect, or two where no set with one of them alone does.
     fn replacing(&self, best: &CauseSet, out: &Applied, least: f64) -> Vec<Vec<Applied>> {
         let energy = |set: &CauseSet| self.energy(set);

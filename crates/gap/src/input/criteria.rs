@@ -33,6 +33,9 @@ pub struct Criteria {
     pub flexible: f64,
     /// A second effect that lowers the rms by this factor is no simulator's own error, however little is known of its parameters; 1. Chosen.
     pub clear: f64,
+    /// Every model's parameters are off by so much, relative, rms: a recalibration by less that lowers a small gap is no cause; 1. Formula: three standard
+    /// deviations of the 1 % to which parameters are identified.
+    pub usual_error: f64,
     /// From this probability of `unknown` on that is the verdict; 1. Formula: by its own definition the probability is 0.5 at the limit above the floor, and
     /// grows with every further multiple of the floor.
     pub unknown_from: f64,
@@ -116,6 +119,7 @@ impl Default for Criteria {
             second_matters: 1.25,
             flexible: 1.1,
             clear: 2.0,
+            usual_error: 0.03,
             unknown_from: 0.5,
             one_explains: 0.93,
             two_explain: 0.97,
