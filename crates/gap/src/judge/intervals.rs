@@ -2,8 +2,8 @@
 //!
 //! How it can be wrong: with a perfect nominal model a fit without recalibration has the smallest variance, and the joint fit gains nothing. With a nominal
 //! model that is 1 % off, a fit without recalibration absorbs the error and its interval is many times too narrow. The relative errors of all nominal
-//! parameters therefore join the fit, with a common normal prior of estimated variance (type-II maximum likelihood; `MacKay` 1992,
-//! doi:10.1162/neco.1992.4.3.415). The value is that of the fit without recalibration, as in the model with its effects. The variance is the larger of the
+//! parameters therefore join the fit, with a common normal prior. The covariance is the average over sizes of this prior, each weighted by its evidence (`MacKay` 1992,
+//! doi:10.1162/neco.1992.4.3.415; Hoeting et al. 1999, doi:10.1214/ss/1009212519). The value is that of the fit without recalibration, as in the model with its effects. The variance is the larger of the
 //! posterior's and that of the scores of separate blocks of time (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13). The squared distance to the joint estimate
 //! is added.
 
@@ -147,16 +147,21 @@ pub(crate) fn estimate(
         let log_determinant = 2.0 * factor.l().diagonal().iter().map(|d| d.ln()).sum::<f64>();
         Some((log_determinant + determinant - explained, factor.inverse()))
     };
-    let best = |precision: &[f64]| {
-        let tried = SIZES.iter().filter_map(|&size| solve(size, precision));
-        Some(tried.min_by(|a, b| a.0.total_cmp(&b.0))?.1)
+    // The average over the sizes, each weighted by its evidence: the data often leave several.
+    let averaged = |precision: &[f64]| -> Option<DMatrix<f64>> {
+        let tried: Vec<_> = SIZES.iter().filter_map(|&size| solve(size, precision)).collect();
+        let least = tried.iter().map(|(evidence, _)| *evidence).reduce(f64::min)?;
+        let weight = |evidence: f64| ((least - evidence) / 2.0).exp();
+        let weights: f64 = tried.iter().map(|(evidence, _)| weight(*evidence)).sum();
+        let of = |(evidence, covariance)| covariance * (weight(evidence) / weights);
+        tried.into_iter().map(of).reduce(|sum, one: DMatrix<f64>| sum + one)
     };
     let precision: Vec<f64> = prior.iter().map(|(precision, _)| *precision).collect();
-    let covariance = best(&precision)?;
+    let covariance = averaged(&precision)?;
     let held = |at: usize| covariance[(at, at)] * precision[at] / (length[at] * length[at]);
     let wider =
         prior_wider(&(0..own).filter(|&at| precision[at] > 0.0).map(held).collect::<Vec<_>>());
-    let covariance = best(&precision.iter().map(|p| p / (wider * wider)).collect::<Vec<_>>())?;
+    let covariance = averaged(&precision.iter().map(|p| p / (wider * wider)).collect::<Vec<_>>())?;
     let mut step = -(&covariance * &gradient);
     if !holds(likelihood, hypothesis, &nominal, &step, &length, &slopes.residual) {
         step.fill(0.0);
