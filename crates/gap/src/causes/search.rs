@@ -706,6 +706,23 @@ mod tests {
     }
 
     #[test]
+    fn one_effect_in_place_of_a_recalibration_has_its_others_and_no_more() {
+        let effects = |names: &[&str]| in_order(names.iter().map(|e| applied(e)));
+        let best = CauseSet::begun(effects(&["deadband", "parameter_error"]), Some(0.05), None);
+        let by = |names: &[&str]| {
+            one_in_place_of_recalibration(&best, &CauseSet::begun(effects(names), None, None))
+                .map(Applied::key)
+        };
+        assert_eq!(by(&["deadband", "sensor_gain"]).unwrap(), "sensor_gain:u");
+        assert_eq!(by(&["deadband", "parameter_error"]).unwrap(), "parameter_error:u");
+        assert_eq!(by(&["sensor_gain"]), None);
+        assert_eq!(by(&["deadband"]), None);
+        assert_eq!(by(&["deadband", "sensor_gain", "input_delay"]), None);
+        let still = CauseSet::begun(effects(&["deadband", "sensor_gain"]), Some(0.05), None);
+        assert!(one_in_place_of_recalibration(&best, &still).is_none());
+    }
+
+    #[test]
     fn one_effect_is_replaced_by_one_or_by_two_with_all_others_the_same() {
         let best = set(&["deadband", "delay_drift"], 3);
         let out = applied("delay_drift");

@@ -403,7 +403,7 @@ fn block_scores(
 mod tests {
     use super::*;
     use deadtime_model::ModelDocument;
-    use deadtime_model::effect::find;
+    use deadtime_model::effect::{Parameter, Role, find};
     use deadtime_model::simulate::System;
 
     const MODEL: &str = r#"
@@ -426,6 +426,51 @@ D = [[0.0]]
         assert!((wider - (4.0_f64 / 3.0).sqrt() * 3.182 / 1.960).abs() < 1e-3, "{wider}");
         assert!((prior_wider(&[0.0; 4000]) - 1.0).abs() < 1e-3);
         assert!(prior_wider(&[1.0]).is_finite());
+    }
+
+    /// Two recalibrated parameters of which the data know the difference to 0.01 and the sum not at all, both under a prior of 0.1: moved apart by 0.2, they are
+    /// 20 standard deviations from nominal together and less than 2 each.
+    #[test]
+    fn parameters_that_are_known_together_are_far_from_nominal_together() {
+        let number = |channel: &str, value: f64| Applied {
+            effect: find("parameter_error").unwrap(),
+            channel: channel.into(),
+            parameters: vec![Parameter {
+                name: "value".into(),
+                unit: "1".into(),
+                role: Role::Size,
+                nominal: 1.0,
+                lower: 0.0,
+                upper: 2.0,
+            }],
+            values: vec![value],
+        };
+        let hypothesis = Hypothesis {
+            effects: vec![number("mass", 0.9), number("thrust", 1.1)],
+            free: vec![(0, 0), (1, 0)],
+            gain: 0.0,
+            fitted: true,
+            lost: None,
+        };
+        let (precision, difference) = (100.0, 1e4);
+        let information = DMatrix::from_row_slice(
+            2,
+            2,
+            &[precision + difference, -difference, -difference, precision + difference],
+        );
+        let covariance = information.try_inverse().unwrap();
+        let none = DMatrix::zeros(2, 2);
+        let found = together(
+            &hypothesis,
+            &[precision; 2],
+            &[1.0; 2],
+            [&covariance, &none],
+            &DVector::zeros(2),
+        )
+        .unwrap();
+        let expected = (0.02 * precision + 0.04 * difference).sqrt();
+        assert!((found.deviations() - expected).abs() < 1e-6 * expected, "{}", found.deviations());
+        assert!(expected > 20.0 && 0.1 / covariance[(0, 0)].sqrt() < 2.0);
     }
 
     #[test]

@@ -72,12 +72,17 @@ pub(super) fn rule(levels: &Levels, criteria: &Criteria) -> Ruling {
             (train.before[i], train.after[i], train.floor[i])
     {
         let above = after / floor.max(1e-9);
-        let limit =
-            if *effects > 0 || *beaten { criteria.above_floor } else { criteria.above_floor_alone };
         // Noise, and what every simulator is inexact by, add up as independent errors.
         let limit_of = |least: f64, before: f64, floor: f64| {
             least.hypot(criteria.inexact_gap * before / floor.max(1e-9))
         };
+        let limit = match (*effects, *beaten) {
+            (0, false) => criteria.above_floor_alone,
+            _ => criteria.above_floor,
+        };
+        // Without an effect the whole output, in whose spread errors are measured, is the model's.
+        let limit =
+            if *effects == 0 { limit.min(limit_of(criteria.complete, 1.0, floor)) } else { limit };
         let further = limit_of(criteria.further, before, floor);
         let [before_all, after_all, floor_all] = train.of_all();
         complete = *chance
@@ -171,9 +176,21 @@ mod tests {
     /// 1.6 times the floor: between the limits for a gap that nothing beats and for one that something beats.
     #[test]
     fn without_an_effect_the_limit_depends_on_whether_anything_beats_the_search() {
-        let levels = |beaten| Levels { train: sizes(0.16, 0.16, 0.1), beaten, ..Levels::default() };
+        let levels =
+            |beaten| Levels { train: sizes(0.016, 0.016, 0.01), beaten, ..Levels::default() };
         assert_eq!(verdict(&levels(false)), GapVerdict::None);
         assert_eq!(verdict(&levels(true)), GapVerdict::Unknown);
+    }
+
+    /// 1.3 times the floor: of an error of 1.3 % of the spread within the inexactness of every simulator, of one of 40 % not.
+    #[test]
+    fn without_an_effect_a_large_error_is_compared_with_noise_alone() {
+        let nothing = |floor: f64| Levels {
+            train: sizes(1.3 * floor, 1.3 * floor, floor),
+            ..Levels::default()
+        };
+        assert_eq!(verdict(&nothing(0.01)), GapVerdict::None);
+        assert_eq!(verdict(&nothing(0.3)), GapVerdict::Unknown);
     }
 
     #[test]
