@@ -191,9 +191,9 @@ fn autoregression(
 
 /// The autoregression that separate stretches of one noise share, its order by Akaike's criterion.
 ///
-/// Burg's reflection coefficients (Burg 1975; Kay 1988, Modern Spectral Estimation, ch. 7) are used where most samples have neighbours. The biased covariances
-/// of Yule and Walker's equations overestimate the innovations of noise with a long memory: of a residual that remembers 150 samples by a tenth. Only
-/// these equations use pairs of samples across gaps.
+/// Burg's reflection coefficients (Burg 1975; Kay 1988, Modern Spectral Estimation, ch. 7) are used where most samples have neighbours. The covariances of
+/// Yule and Walker's equations overestimate the innovations of noise with a correlation length of 150 samples by a tenth. Only these equations use pairs of
+/// samples across gaps.
 pub(crate) fn autoregression_of(stretches: &[Vec<Option<f64>>], criteria: &Criteria) -> Vec<f64> {
     let longest = criteria.longest_autoregression;
     let whole = contiguous(stretches, longest + 1);
@@ -300,7 +300,7 @@ mod tests {
     use rand_chacha::rand_core::SeedableRng;
     use rand_distr::StandardNormal;
 
-    /// An autoregression that remembers 150 samples, in two stretches of a thousand: its innovations, within the error of their estimate. Covariances alone
+    /// Noise with a correlation length of 150 samples in two stretches of a thousand: its innovations, within the error of their estimate. Covariances alone
     /// overestimate them by a tenth.
     #[test]
     fn innovations_of_noise_with_a_long_memory_have_their_size() {

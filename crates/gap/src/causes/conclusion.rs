@@ -296,7 +296,7 @@ impl Conclusion<'_, '_> {
         })
     }
 
-    /// Whether an effect beside the joint recalibration explains a part of the gap that is named. `taken_out`: per effect the others, the recalibration last.
+    /// Whether an effect of its own, given the joint recalibration, explains a part of the gap that is named. `taken_out`: per effect the others, the recalibration last.
     fn names_an_effect(
         &self,
         best: &CauseSet,
