@@ -5,6 +5,7 @@
   scripts/bank score FOLDER  the scores by group
   scripts/bank law FOLDER    the law of class probabilities, fitted to answers of the development set, and its reliability
   scripts/bank page          docs/results/bank.md from the newest stored answers of both sets
+  scripts/bank ablate OUT --cases N     docs/results/ablation.md: what each chosen constant changes on the development set
   scripts/bank compare OLD NEW   paired differences; FOLDER or a file of answers, such as golden/bank/development-a2c844c.jsonl.gz
 
 Changes are tried on the development set. The locked set is for the last word on a change: `run locked` demands --final COMMIT, appends to scripts/bank_log.md,
@@ -17,7 +18,7 @@ import os
 import sys
 from pathlib import Path
 
-from . import answers, check, law, page, sets, tables
+from . import ablation, answers, check, law, page, sets, tables
 from .judge import SCORES
 
 LOG = sets.ROOT / "scripts" / "bank_log.md"
@@ -72,7 +73,11 @@ def _arguments() -> argparse.Namespace:
     compare = command("compare", "paired differences of two programs' answers")
     compare.add_argument("old", type=Path)
     compare.add_argument("new", type=Path)
-    commands.add_parser("check", help="checks of the scores themselves")
+    ablated = command("ablate", "what each chosen constant changes")
+    ablated.add_argument("out", type=Path)
+    ablated.add_argument("--cases", type=int, default=4, help="so many of each group, default 4")
+    ablated.add_argument("--only", action="append", default=[], metavar="NAME", help="this constant only, and no page; may be repeated")
+    commands.add_parser("check", help="checks of the scores themselves, and of the constants' lines")
     for made in (score, compare):
         made.add_argument("--by", choices=("group", "trait"), default="group", help="trait: linear, equations, sampled, predictor, closed loop")
         made.add_argument("--cases", type=int, help="so many of each group at most, the first ones")
@@ -117,6 +122,8 @@ def main() -> int:
         if options.set == "locked":
             return _locked(options)
         return answers.run(options.set, options.folder / options.set, options.program.resolve(), options.out, options.group, options.cases, options.limit, options.name)
+    if options.command == "ablate":
+        return ablation.ablate(options.out.resolve(), options.folder / "development", options.cases, options.only)
     if options.command == "law":
         print(law.report(options.answers, options.folder / "development"))
     elif options.command == "page":

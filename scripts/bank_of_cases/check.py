@@ -9,7 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from . import answers, sets, tables
+from . import ablation, answers, sets, tables
 from .judge import Truth, judge
 
 DIAGNOSIS = sets.ROOT / "examples" / "diagnosis.json"
@@ -152,9 +152,13 @@ def differences_are_paired():
         tables.judged = judged
 
 
+def every_constant_of_the_ablation_stands_in_the_source():
+    assert not ablation.missing(), ablation.missing()
+
+
 CHECKS = [
     mixtures_are_scored_by_share, recalibrations_are_claims, false_alarms_are_what_is_not_there, sets_are_fixed_and_begin_with_every_group,
-    programs_answer_crash_and_run_too_long, the_locked_set_is_refused_after_three_commits, differences_are_paired,
+    programs_answer_crash_and_run_too_long, the_locked_set_is_refused_after_three_commits, differences_are_paired, every_constant_of_the_ablation_stands_in_the_source,
 ]
 
 

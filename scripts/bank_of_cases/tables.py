@@ -56,7 +56,7 @@ def _parts(truths: dict[str, Truth], by: str) -> dict[str, list[str]]:
     return {key: names for key, names in parts.items() if names} | {"all": list(truths)}
 
 
-def _table(head: list[str], rows: list[list[str]]) -> str:
+def markdown(head: list[str], rows: list[list[str]]) -> str:
     """A Markdown table that is aligned for a terminal, too."""
     widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
     lines = ["| " + " | ".join(cell.ljust(w) if k == 0 else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths))) + " |" for row in [head, *rows]]
@@ -70,7 +70,13 @@ def scores(answers: dict[str, dict], drawn: Path, by: str = "group") -> str:
     rows = [["cases", *(str(len(names)) for names in parts.values())]]
     for score in SCORES:
         rows.append([score, *(_number(_plain(_value(_rows([found[n][1] for n in names], score), score))) for names in parts.values())])
-    return _table(["score", *parts], rows)
+    return markdown(["score", *parts], rows)
+
+
+def values(answers: dict[str, dict], drawn: Path, names: tuple[str, ...]) -> list[str]:
+    """Some scores of all cases."""
+    cases = [judgement for _, judgement in judged(answers, drawn).values()]
+    return [_number(_plain(_value(_rows(cases, score), score))) for score in names]
 
 
 def summary(answers: dict[str, dict], drawn: Path) -> str:
@@ -101,4 +107,4 @@ def compare(old: dict[str, dict], new: dict[str, dict], drawn: Path, by: str = "
             changed = sum(a.get(score) != b.get(score) for a, b in ((before[n][1], after[n][1]) for n in names))
             word = "" if not (low > 0 or high < 0) else "better" if (low > 0) == (better > 0) else "WORSE"
             rows.append([part, score, str(len(names)), str(changed), *(_number(v) for v in (*values, values[1] - values[0])), f"{_number(low)} … {_number(high)}", word])
-    return f"{len(before)} cases that both have\n\n" + _table(["cases", "score", "of", "changed", "old", "new", "difference", "95 % interval", ""], rows)
+    return f"{len(before)} cases that both have\n\n" + markdown(["cases", "score", "of", "changed", "old", "new", "difference", "95 % interval", ""], rows)
