@@ -238,10 +238,14 @@ fn longer(ar: &[f64], reflection: f64) -> Vec<f64> {
 /// The least part of the variance that an autoregression may leave.
 const EXACT: f64 = 1e-12;
 
-/// Reflection coefficients from forward and backward prediction errors of all stretches.
+/// Reflection coefficients from forward and backward prediction errors of all stretches. A part 1/n² of the energy of n samples counts as white: a constant is
+/// no noise that predicts itself.
 fn burg(stretches: &[Vec<f64>], longest: usize) -> Vec<f64> {
     let mut forward: Vec<Vec<f64>> = stretches.to_vec();
     let mut backward = forward.clone();
+    let count: usize = stretches.iter().map(Vec::len).sum();
+    let energy: f64 = stretches.iter().flatten().map(|v| v * v).sum();
+    let white = 2.0 * energy / (count.max(1) as f64).powi(2);
     let (mut reflections, mut left) = (Vec::new(), 1.0);
     for _ in 0..longest {
         // The errors f(k) and b(k − 1) from the next sample on.
@@ -252,7 +256,7 @@ fn burg(stretches: &[Vec<f64>], longest: usize) -> Vec<f64> {
         let pairs = || forward.iter().flatten().zip(backward.iter().flatten());
         let both: f64 = pairs().map(|(f, b)| f * b).sum();
         let squares: f64 = pairs().map(|(f, b)| f * f + b * b).sum();
-        let reflection = 2.0 * both / squares;
+        let reflection = 2.0 * both / (squares + white);
         left *= 1.0 - reflection * reflection;
         if reflection.is_nan() || left <= EXACT {
             break;
