@@ -80,8 +80,8 @@ def _copy(folder: Path) -> Path:
 
 
 def _built(copy: Path, place: Path) -> Path:
-    """The program of the copy as it is now; crates that are not the project's are those of its own builds."""
-    target = sets.ROOT / "target"
+    """The program of the copy as it is now."""
+    target = copy.parent / "target"
     subprocess.run(["cargo", "build", "--locked", "--quiet", "-p", "deadtime", "--bin", "deadtime"], cwd=copy, env=os.environ | {"CARGO_TARGET_DIR": str(target)}, check=True)
     place.mkdir(parents=True, exist_ok=True)
     return Path(shutil.copy2(target / "debug" / "deadtime", place / "deadtime"))

@@ -1,4 +1,4 @@
-//! `deadtime gap` where numbers of the model are off of which only a ratio shows, beside something that is in no catalogue.
+//! `deadtime gap` where only the ratio of two wrong parameters is identifiable, under wind.
 
 use deadtime::diagnose::{Diagnosed, GapOptions, Member, diagnose};
 use deadtime::log::{Channel, Log};

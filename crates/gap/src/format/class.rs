@@ -30,7 +30,7 @@ pub struct CauseClass {
 pub struct Grounds {
     /// The rise of the score of the best set without any member, in units of twice the log-likelihood.
     pub evidence: f64,
-    /// The distance from nominal of the representative's worst known parameter, in standard deviations.
+    /// The distance from nominal of the representative's worst known parameter, in standard deviations; of a recalibration, of all parameters together.
     pub deviations: f64,
     /// Its share of the gap on the training logs.
     pub share: f64,
