@@ -1,4 +1,4 @@
-//! `deadtime gap` where only the ratio of two wrong parameters is identifiable, under wind.
+//! `deadtime gap` under wind: a ratio of two parameters that is off, and a sensor that stops at a limit.
 
 use deadtime::diagnose::{Diagnosed, GapOptions, Member, diagnose};
 use deadtime::log::{Channel, Log};
@@ -32,6 +32,11 @@ const PERIOD: f64 = 0.02;
 
 /// A flight whose thrust over mass is `ratio` times the model's, in a wind of `wind` m/s² with a memory of half a second.
 fn flown(ratio: f64, wind: f64, seed: u64) -> Log {
+    flown_below(f64::INFINITY, ratio, wind, seed)
+}
+
+/// The same with a sensor that stops at a limit.
+fn flown_below(limit: f64, ratio: f64, wind: f64, seed: u64) -> Log {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (mut v, mut gust, mut held) = (0.0, 0.0, 0.0);
     let (mut u, mut speed) = (Vec::new(), Vec::new());
@@ -43,7 +48,7 @@ fn flown(ratio: f64, wind: f64, seed: u64) -> Log {
         gust =
             kept * gust + wind * (1.0 - kept * kept).sqrt() * rng.sample::<f64, _>(StandardNormal);
         u.push(held);
-        speed.push(v + 0.005 * rng.sample::<f64, _>(StandardNormal));
+        speed.push(limit.min(v + 0.005 * rng.sample::<f64, _>(StandardNormal)));
         v += PERIOD * (2.0 * ratio * held - 0.8 * v + gust);
     }
     let time_s = (0..u.len()).map(|k| PERIOD * k as f64).collect();
@@ -90,4 +95,17 @@ fn wind_recalibrates_nothing() {
         let block = cause.recalibration.unwrap();
         assert!(!block.accepted, "{seed}: {block:?}");
     }
+}
+
+/// Wind hides the error that a sensor limit makes; the repeated value shows it.
+#[test]
+fn a_sensor_that_stops_at_a_limit_is_named_in_wind() {
+    let model = document(HOVER);
+    let named = [70, 80, 90].into_iter().filter(|&seed| {
+        let logs = [0, 1, 2].map(|i| flown_below(0.7, 1.0, 0.5, seed + i));
+        let found = diagnose(&model, &logs[..2], &logs[2..], &GapOptions::default(), &|_| ());
+        let cause = found.unwrap().diagnosis.cause;
+        cause.contributions.iter().any(|c| c.effect == "sensor_saturation")
+    });
+    assert!(named.count() >= 2);
 }
