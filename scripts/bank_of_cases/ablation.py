@@ -15,7 +15,7 @@ from pathlib import Path
 from . import answers, sets, tables
 from .judge import SCORES
 
-SEARCH, CRITERIA = "crates/gap/src/causes/search.rs", "crates/gap/src/input/criteria.rs"
+SEARCH, FOUND, CRITERIA = (f"crates/gap/src/{name}.rs" for name in ("causes/search", "causes/found", "input/criteria"))
 SHOWN = ("named", "precision", "false_complete", "false_alarm", "coverage", "time_median")
 HEAD = """# Ablation of the constants
 
@@ -46,8 +46,8 @@ CONSTANTS = (
     Constant("different sets of each size", SEARCH, "const DIFFERENT: usize = {};", "3", ("1", "6")),
     Constant("sets are one within", SEARCH, "const SAME: f64 = {};", "0.02", ("0.005", "0.08")),
     Constant("first size of the recalibration", SEARCH, "const SIZE: f64 = {};", "0.05", ("0.01", "0.2")),
-    Constant("named share", SEARCH, "pub(crate) const NAMED: f64 = {};", "0.01", ("0.003", "0.03")),
-    Constant("as good as the best", SEARCH, "const AS_GOOD: f64 = {};", "6.0", ("2.0", "12.0")),
+    Constant("named share", FOUND, "pub(crate) const NAMED: f64 = {};", "0.01", ("0.003", "0.03")),
+    Constant("as good as the best", FOUND, "const AS_GOOD: f64 = {};", "6.0", ("2.0", "12.0")),
     Constant("steps of a fit", "crates/gap/src/causes/fit.rs", "const STEPS: usize = {};", "6", ("3", "12")),
     Constant("window of the correlation, samples", "crates/gap/src/causes/score.rs", "const WINDOW: usize = {};", "60", ("20", "180")),
     Constant("refit under coloured noise", "crates/gap/src/causes/conclusion.rs", "const SETTLED: f64 = {};", "1.2", ("1.0", "2.0")),

@@ -4,7 +4,7 @@ use super::class_probability::{deviations, probability};
 use super::found_effects::found_effects;
 use crate::causes::class::EffectClass;
 use crate::causes::conclusion::ActiveCauses;
-use crate::causes::search::NAMED;
+use crate::causes::found::NAMED;
 use crate::format::class::{CauseClass, Grounds, Member, RECALIBRATION, in_words, listed};
 use crate::format::contributions::{Contribution, Recalibration, Strength};
 use crate::judge::intervals::Together;

@@ -13,7 +13,7 @@ use super::held_out::HeldOut;
 use super::improvement::{bootstrap, held_out_blocks};
 use super::location::{locate, output_shares};
 use crate::causes::conclusion::ActiveCauses;
-use crate::causes::search::NAMED;
+use crate::causes::found::NAMED;
 use crate::format::contributions::{
     Contribution, Explained, Recalibration, Remainder, Share, Strength,
 };

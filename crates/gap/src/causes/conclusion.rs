@@ -8,7 +8,8 @@ use rayon::prelude::*;
 
 use super::alternatives::classes;
 use super::class::EffectClass;
-use super::search::{Found, NAMED, Search};
+use super::found::{Found, NAMED};
+use super::search::Search;
 use super::set::{CauseSet, in_order};
 use super::training::Training;
 use crate::baseline::noise::Noise;

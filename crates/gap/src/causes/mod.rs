@@ -4,6 +4,7 @@ mod alternatives;
 pub(crate) mod class;
 pub(crate) mod conclusion;
 mod fit;
+pub(crate) mod found;
 mod gram;
 mod proposals;
 mod removals;

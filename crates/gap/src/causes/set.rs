@@ -109,3 +109,11 @@ pub(super) fn in_order(effects: impl Iterator<Item = Applied>) -> Vec<Applied> {
     effects.sort_by_key(|a| (row(a.effect), a.channel.clone()));
     effects
 }
+
+/// A set without each of its effects, and without its joint recalibration.
+pub(super) fn dropped(set: &CauseSet) -> impl Iterator<Item = CauseSet> {
+    let alone = set
+        .recalibration
+        .map(|_| CauseSet::begun(set.singly().cloned().collect(), None, set.lost.clone()));
+    set.singly().map(|out| set.without(out)).chain(alone)
+}

@@ -1,5 +1,7 @@
 //! Effects with parameters: their fit, their lost commands, and their gain less the price of the search.
 
+mod arrival_equations;
+mod arrival_law;
 pub(crate) mod arrivals;
 pub(crate) mod direction;
 pub(crate) mod dropouts;

@@ -1,0 +1,79 @@
+//! The law of random delays: their spread by the marginal likelihood, and whether disturbances of the input are more likely.
+
+use rayon::prelude::*;
+
+use super::arrival_equations::{Linear, solve};
+use super::penalised_gain::NO_EVIDENCE;
+use super::queue::{Waiting, waiting_for};
+use deadtime_model::effect::Applied;
+use deadtime_model::simulate::{Delays, Late};
+
+/// Spreads that are tried, as parts of the mean delay: from, to, and how many.
+const SPREADS: (f64, f64, usize) = (0.03, 1.5, 9);
+/// Around the last one: neighbours by this factor.
+const NEIGHBOUR: f64 = 1.3;
+
+/// The spreads that are tried about a mean wait.
+fn spreads(wait_s: f64) -> Vec<f64> {
+    let (from, to, count) = SPREADS;
+    let at = |i: usize| wait_s * from * (to / from).powf(i as f64 / (count - 1) as f64);
+    (0..count).map(at).collect()
+}
+
+/// Whether disturbances of equal size explain more than independent delays of one distribution, about a common delay.
+pub(super) fn is_disturbance(records: &[Linear], wait_s: f64) -> bool {
+    let squares: Vec<f64> = records.iter().flat_map(|r| r.changes.iter().map(|c| c * c)).collect();
+    let rms = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
+    let equal: Vec<Linear> = records.iter().map(|r| r.of_equal_disturbances(rms)).collect();
+    let lowest = |records: &[Linear]| {
+        let independent = |std_s| Waiting { mean_s: wait_s, std_s, alike: 0.0 };
+        let costs = spreads(wait_s)
+            .into_par_iter()
+            .filter_map(|s| Some(solve(records, &independent(s))?.cost));
+        costs.filter(|cost| cost.is_finite()).reduce(|| f64::INFINITY, f64::min)
+    };
+    lowest(&equal) + NO_EVIDENCE < lowest(records)
+}
+
+/// The law with the lowest cost, with the mean wait that is given; spreads from small to large, then neighbours of the best.
+pub(super) fn spread(
+    records: &[Linear],
+    late: &Applied,
+    wait_s: f64,
+    step_s: f64,
+    first: bool,
+) -> Option<(Late, Waiting)> {
+    let lowest = |spreads: Vec<f64>| {
+        let tried = spreads
+            .into_par_iter()
+            .filter_map(|s| waiting_for(wait_s, s, is_ordered(late), step_s));
+        let costs: Vec<(f64, (Late, Waiting))> =
+            tried.filter_map(|law| Some((solve(records, &law.1)?.cost, law))).collect();
+        costs
+            .into_iter()
+            .filter(|(cost, _)| cost.is_finite())
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, law)| law)
+    };
+    let all = || lowest(spreads(wait_s));
+    let spread_s = if first { all()?.0.spread_s } else { late.values[1] };
+    lowest([NEIGHBOUR.recip(), 1.0, NEIGHBOUR].into_iter().map(|by| by * spread_s).collect())
+        .or_else(all)
+}
+
+fn is_ordered(late: &Applied) -> bool {
+    late.values[2] >= 0.5
+}
+
+/// The waits under a law that is known.
+pub(super) fn waits(late: &Applied, step_s: f64) -> Option<Waiting> {
+    Waiting::of(
+        &Late {
+            delay_s: late.values[0],
+            spread_s: late.values[1],
+            ordered: is_ordered(late),
+            delays: Delays::Mean,
+        },
+        step_s,
+    )
+}
