@@ -1,7 +1,7 @@
 """``python -m withheld.machines OUT KIND COUNT``: machines at rest, in loops, with links and events, each with its nominal simulator.
 
 Each case is a folder: model.toml (the nominal simulator), run_1.csv, run_2.csv, fresh.csv and truth.json. The machine is integrated here, by Runge-Kutta steps of a
-fiftieth of a sample at most; friction sticks where the other torques cannot move it. Nothing is shared with the program.
+twentieth of a sample; a contact that comes to rest ends a step, and friction sticks where the other torques cannot move it. Nothing is shared with the program.
 
 Every log begins at rest, at a place of its own: a position within what friction or play holds. The servo is a position loop (inertia, damping, gravity, PD); some
 logs are rounded as an encoder does. With ``--off 0.01`` every number of the machine stands 1 % (standard deviation) off the simulator's.
@@ -62,6 +62,8 @@ motor = "motor"
 load = "load"
 """
 SUBSTEPS = 20
+# Bisections of a step for the instant at which a contact comes to rest.
+HALVINGS = 20
 KINDS = ("friction", "command_play", "output_play", "limit", "dead_zone", "inner_lag", "inner_delay", "payload", "gain_and_delay", "friction_and_delay", "nothing", "gusts", "driveline", "link_friction")
 DRIVE_TRAINS = ("driveline", "link_friction")
 
@@ -178,7 +180,8 @@ class Servo:
                 now += step
         return np.array(outputs)
 
-    def advance(self, state, command: float, arrived: tuple[float, float], step: float, now: float) -> np.ndarray:
+    def advance(self, state, command: float, arrived: tuple[float, float], step: float, now: float, done: float = 0.0) -> np.ndarray:
+        """The state at the end of the step of which a part is done. Where a sliding contact comes to rest, friction decides anew."""
         inertia, gravity = self.inertia, self.gravity
         if self.event and now >= self.event[0]:
             inertia, gravity = inertia + self.event[1], gravity + self.event[2]
@@ -192,7 +195,7 @@ class Servo:
             return min(max(torque, -self.limit), self.limit) - gravity * math.cos(x[0]) - self.damping * x[1] + gust
 
         if self.friction and direction == 0.0:
-            rest = others(state, 0.0)
+            rest = others(state, done)
             if abs(rest) <= self.friction:
                 return state
             direction = math.copysign(1.0, rest)
@@ -201,13 +204,22 @@ class Servo:
             raw = self.kp * (command - x[0]) - self.kd * x[1]
             return np.array([x[1], (others(x, part) - self.friction * direction) / inertia, (raw - x[2]) / self.lag if self.lag else 0.0])
 
-        a = rate(state, 0.0)
-        b = rate(state + 0.5 * step * a, 0.5)
-        c = rate(state + 0.5 * step * b, 0.5)
-        d = rate(state + step * c, 1.0)
-        new = state + step / 6.0 * (a + 2 * b + 2 * c + d)
+        def until(end: float) -> np.ndarray:
+            h, middle = (end - done) * step, 0.5 * (done + end)
+            a = rate(state, done)
+            b = rate(state + 0.5 * h * a, middle)
+            c = rate(state + 0.5 * h * b, middle)
+            return state + h / 6.0 * (a + 2 * b + 2 * c + rate(state + h * c, end))
+
+        new = until(1.0)
         if self.friction and new[1] * direction < 0.0:
-            new[1] = 0.0
+            low, high = done, 1.0
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + high)
+                low, high = (low, middle) if until(middle)[1] * direction < 0.0 else (middle, high)
+            stopped = until(high)
+            stopped[1] = 0.0
+            return self.advance(stopped, command, arrived, step, now, high) if high < 1.0 else stopped
         return new
 
 

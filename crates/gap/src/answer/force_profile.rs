@@ -8,8 +8,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::along_the_run::Run;
-use super::forms::{Form, Part};
+use super::span_residual::Part;
+use crate::judge::along_the_run::Run;
+use crate::judge::forms::Form;
 use deadtime_signal::stats::NORMAL_95;
 
 /// Knots at most, from this part of the samples to that.

@@ -16,12 +16,13 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
-use super::along_the_run::{Run, runs};
 use super::force_profile::{ForceProfile, profile};
-use super::forms::{Form, Part};
 use super::held_out::HeldOut;
+use super::span_residual::Part;
 use crate::format::contributions::Description;
 use crate::input::record::Span;
+use crate::judge::along_the_run::{Run, runs};
+use crate::judge::forms::Form;
 use crate::likelihood::errors::Errors;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::Applied;

@@ -1,6 +1,5 @@
 //! The sections of a diagnosis.
 
-mod along_the_run;
 pub(crate) mod by_mode;
 pub(crate) mod cause;
 mod class_probability;
@@ -10,7 +9,6 @@ mod decoded;
 pub(crate) mod diagnosed;
 pub(crate) mod experiment;
 pub(crate) mod force_profile;
-mod forms;
 pub(crate) mod found_effects;
 pub(crate) mod handed;
 pub(crate) mod held_out;
@@ -25,6 +23,7 @@ pub(crate) mod nominal;
 pub(crate) mod nuisances;
 pub(crate) mod orders;
 pub(crate) mod sections;
+mod span_residual;
 pub(crate) mod traces;
 pub(crate) mod trims;
 mod unrelated;

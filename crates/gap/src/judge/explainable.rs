@@ -7,6 +7,9 @@
 //! An active effect may hide all others. Given an output clipped to a constant, or a friction that sticks, no effect has a signature. The whole residual would
 //! then be taken for noise. The signatures on the nominal model are therefore regressors as well, together with its prediction and delayed copies of it.
 //!
+//! Forces outside the catalogue are expanded to second order (Volterra 1930): the outputs respond to every square and product of two states or commands on the
+//! derivative of each state, linearised along the run. The catalogue has the forces of first and third order.
+//!
 //! A simulator that can only be called lacks the signatures of friction and of all other effects on equations. Perturbations of its inputs are their
 //! substitutes. Active effects may have absorbed a part of those effects, so the directions of their parameters are regressors as well.
 //!
@@ -17,6 +20,8 @@ use faer::{MatRef, Side};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::along_the_run::Run;
+use super::forms::Form;
 use super::perturbations::{Commanded, perturbations};
 use crate::format::diagnosis::Mode;
 use crate::hypothesis::direction::with;
@@ -33,6 +38,8 @@ const ROWS: usize = 4000;
 const FOLDS: usize = 8;
 /// The step of a parameter of an active effect, as a part of its distance from nominal.
 const FURTHER: f64 = 0.1;
+/// With more states there are no forces of second order: their number grows with the cube.
+const STATES: usize = 8;
 /// Ridge parameters that are tried, relative to a signature's mean square.
 const RIDGES: [f64; 5] = [1e-6, 1e-4, 1e-3, 1e-2, 1e-1];
 
@@ -74,6 +81,7 @@ pub(crate) fn shares(
         }
         columns.extend(model);
     }
+    columns.extend(forces(likelihood, active, &rows).into_iter().filter_map(finite));
     if likelihood.system.is_black_box() {
         let own = own_directions(active);
         columns.par_extend(
@@ -125,6 +133,35 @@ fn later(
             at_rows(&model, &rows.iter().map(|&row| before(row, delay_s)).collect::<Vec<_>>())
         })
         .collect()
+}
+
+/// The responses to forces of second order on the derivative of each state, about the run with the active effects; none without differential equations.
+fn forces(
+    likelihood: &Likelihood<'_>,
+    active: ActiveEffects<'_>,
+    rows: &[(usize, usize)],
+) -> Vec<DMatrix<f64>> {
+    let system = likelihood.system;
+    if system.states.len() > STATES {
+        return Vec::new();
+    }
+    let run = |at: usize| match likelihood.records[at].train {
+        Some(_) => Run::of(likelihood, active.effects, at).map(Some),
+        None => Some(None),
+    };
+    let Some(runs) = (0..likelihood.records.len()).map(run).collect::<Option<Vec<_>>>() else {
+        return Vec::new();
+    };
+    let forms = || Form::of_second_order(system.states.len() + system.inputs.len());
+    let all: Vec<(usize, Form)> =
+        (0..system.states.len()).flat_map(|state| forms().map(move |form| (state, form))).collect();
+    let response = |&(state, form): &(usize, Form)| {
+        let of_run = |run: &Run| run.response(state, |k| form.of(|v| run.value(v, k)), 1);
+        let responses: Vec<Option<DMatrix<f64>>> =
+            runs.iter().map(|run| run.as_ref().map(of_run)).collect();
+        at_rows(&responses, rows)
+    };
+    all.par_iter().map(response).collect()
 }
 
 /// The active effects, each time with one parameter a small step further from nominal.
@@ -320,6 +357,33 @@ mod tests {
                 assert!(related[0] > 0.95, "{related:?}");
             },
         );
+    }
+
+    /// A force of v² on the speed's derivative, integrated here by Euler's steps: no effect of a catalogue, and no noise.
+    #[test]
+    fn a_force_of_second_order_is_no_noise() {
+        with_servo(&[], |likelihood, scales| {
+            let mut left = residuals(likelihood, NO_EFFECT).unwrap();
+            for (at, left) in left.iter_mut().enumerate() {
+                let inputs = &likelihood.records[at].inputs;
+                let motion = likelihood.predict_trained(at, NO_EFFECT, inputs).unwrap();
+                let (mut angle, mut rate) = (0.0, 0.0);
+                for k in 0..left.nrows() {
+                    left[(k, 0)] += angle;
+                    left[(k, 1)] += rate;
+                    let next = (k + 1).min(left.nrows() - 1);
+                    for part in 0..50 {
+                        let way = f64::from(part) / 50.0;
+                        let v = motion[(k, 1)] + way * (motion[(next, 1)] - motion[(k, 1)]);
+                        let slope = -9.0 * angle - 2.4 * rate - 0.6 * v * v;
+                        angle += 4e-4 * rate;
+                        rate += 4e-4 * slope;
+                    }
+                }
+            }
+            let related = shares(likelihood, NO_EFFECT, &left, &[], scales);
+            assert!(related.iter().all(|share| *share > 0.9), "{related:?}");
+        });
     }
 
     #[test]

@@ -17,7 +17,7 @@ const LOOK: Duration = Duration::from_millis(2);
 const MARK: &str = "DEADTIME_SIMULATOR";
 /// Number of searches for marked processes: a process being started may escape the first.
 #[cfg(target_os = "linux")]
-const LOOKS: usize = 5;
+const LOOKS: usize = 20;
 
 /// The running processes; copies share one list.
 #[derive(Debug, Clone, Default)]
@@ -70,25 +70,46 @@ fn end_group(process: u32) {
     kill(&[format!("-{process}")]);
 }
 
-/// Ends all processes with a mark in their environment, also in other sessions.
+/// Ends all processes with a mark in their environment, also in other sessions. A process shows no environment while it begins its program: then the search is
+/// repeated.
 #[cfg(target_os = "linux")]
 fn end_marked(mark: &str) {
     let variable = format!("{MARK}={mark}").into_bytes();
     for _ in 0..LOOKS {
         let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
-        let numbers = processes.filter_map(|p| p.file_name().into_string().ok());
-        let marked: Vec<String> = numbers
-            .filter(|number| number.bytes().all(|b| b.is_ascii_digit()))
-            .filter(|number| {
-                std::fs::read(format!("/proc/{number}/environ"))
-                    .is_ok_and(|all| all.split(|b| *b == 0).any(|one| one == variable))
-            })
-            .collect();
-        if marked.is_empty() {
+        let numbers = processes
+            .filter_map(|p| p.file_name().into_string().ok())
+            .filter(|number| number.bytes().all(|b| b.is_ascii_digit()));
+        let (mut marked, mut begins) = (Vec::new(), false);
+        for number in numbers {
+            match std::fs::read(format!("/proc/{number}/environ")) {
+                Ok(all) if all.split(|b| *b == 0).any(|one| one == variable) => marked.push(number),
+                Ok(all) if all.is_empty() => begins |= is_new(&number),
+                _ => {}
+            }
+        }
+        if !marked.is_empty() {
+            kill(&marked);
+        } else if begins {
+            thread::sleep(LOOK);
+        } else {
             return;
         }
-        kill(&marked);
     }
+}
+
+/// Whether a process began less than a second ago and has not ended. Times are hundredths of a second since the machine started (proc(5)).
+#[cfg(target_os = "linux")]
+fn is_new(number: &str) -> bool {
+    let read = |name: &str| std::fs::read_to_string(format!("/proc/{name}")).ok();
+    let seconds = || read("uptime")?.split_whitespace().next()?.parse::<f64>().ok();
+    // The name in parentheses may hold spaces; state and beginning are the first and the twentieth word after it.
+    let stat = read(&format!("{number}/stat"));
+    let mut words =
+        stat.iter().filter_map(|s| s.rsplit_once(')')).flat_map(|s| s.1.split_whitespace());
+    let ended = words.next().is_none_or(|state| ["Z", "X"].contains(&state));
+    let began = words.nth(18).and_then(|ticks| ticks.parse::<f64>().ok());
+    !ended && began.zip(seconds()).is_some_and(|(began, now)| now - began / 100.0 < 1.0)
 }
 
 /// On other systems a process in its own session is not found.

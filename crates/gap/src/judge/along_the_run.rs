@@ -27,7 +27,7 @@ struct Step {
 }
 
 /// A log's run.
-pub(super) struct Run {
+pub(crate) struct Run {
     /// States, then commands as they arrive at the plant: samples × variables.
     variables: DMatrix<f64>,
     steps: Vec<Step>,
@@ -41,12 +41,13 @@ pub(super) struct Run {
 }
 
 /// The runs of all logs; `None` where the model has no differential equations, or cannot be simulated.
-pub(super) fn runs(likelihood: &Likelihood<'_>, effects: &[Applied]) -> Option<Vec<Run>> {
+pub(crate) fn runs(likelihood: &Likelihood<'_>, effects: &[Applied]) -> Option<Vec<Run>> {
     (0..likelihood.records.len()).map(|at| Run::of(likelihood, effects, at)).collect()
 }
 
 impl Run {
-    fn of(likelihood: &Likelihood<'_>, effects: &[Applied], at: usize) -> Option<Self> {
+    /// The run of one log; `None` as for all.
+    pub(super) fn of(likelihood: &Likelihood<'_>, effects: &[Applied], at: usize) -> Option<Self> {
         let (system, record) = (likelihood.system, &likelihood.records[at]);
         let mut plan = likelihood.plan(effects, Chance::Mean)?;
         if matches!(plan.dynamics, Dynamics::Sampled(..) | Dynamics::BlackBox(..)) {
@@ -95,17 +96,17 @@ impl Run {
         Some(Self { variables, steps, step_at, gain, states, slopes })
     }
 
-    pub(super) fn samples(&self) -> usize {
+    pub(crate) fn samples(&self) -> usize {
         self.step_at.len()
     }
 
     /// A state or a command at a sample.
-    pub(super) fn value(&self, variable: usize, sample: usize) -> f64 {
+    pub(crate) fn value(&self, variable: usize, sample: usize) -> f64 {
         self.variables[(sample, variable)]
     }
 
     /// The response of every output to a force on a state's derivative: kept samples × outputs.
-    pub(super) fn response(
+    pub(crate) fn response(
         &self,
         state: usize,
         force: impl Fn(usize) -> f64,
@@ -120,7 +121,7 @@ impl Run {
     }
 
     /// The response of every output to a displacement of one state by 1 at a sample: one matrix, samples × outputs, per state.
-    pub(super) fn starts(&self, from: usize) -> Vec<DMatrix<f64>> {
+    pub(crate) fn starts(&self, from: usize) -> Vec<DMatrix<f64>> {
         self.walked(from, &mut DMatrix::identity(self.states, self.states), 1, |_, _, _| ())
     }
 
