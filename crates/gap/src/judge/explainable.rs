@@ -81,7 +81,6 @@ pub(crate) fn shares(
         }
         columns.extend(model);
     }
-    columns.extend(forces(likelihood, active, &rows).into_iter().filter_map(finite));
     if likelihood.system.is_black_box() {
         let own = own_directions(active);
         columns.par_extend(
@@ -95,6 +94,9 @@ pub(crate) fn shares(
                 .filter_map(|u| finite(stacked(likelihood, active, Some(u), &rows)? - &base)),
         );
     }
+    // Regressors that say nothing cost the others a part of their weight: the forces are tried beside the rest, and without.
+    let without_forces = columns.len();
+    columns.extend(forces(likelihood, active, &rows).into_iter().filter_map(finite));
     (0..outputs)
         .into_par_iter()
         .map(|i| {
@@ -105,10 +107,14 @@ pub(crate) fn shares(
                 there.len(),
                 there.iter().map(|&r| residuals[rows[r].0][(rows[r].1, i)]),
             );
-            let regressors = DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| {
-                if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] }
-            });
-            predicted(&left, regressors)
+            let by = |columns: &[DMatrix<f64>]| {
+                let regressors = DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| {
+                    if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] }
+                });
+                predicted(&left, regressors)
+            };
+            let share = by(&columns[..without_forces]);
+            if columns.len() > without_forces { share.max(by(&columns)) } else { share }
         })
         .collect()
 }
