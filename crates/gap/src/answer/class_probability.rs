@@ -9,7 +9,7 @@
 
 use crate::format::class::Grounds;
 use crate::format::found::{FoundEffect, FoundParameter};
-use deadtime_model::effect::{Applied, Parameter};
+use deadtime_model::effect::{Applied, Parameter, Role};
 
 /// The constant, and the weights of the logarithms to base 10 of evidence, deviations and share; `scripts/bank law` fits them to the
 /// development bank.
@@ -31,9 +31,12 @@ pub(super) fn probability(grounds: &Grounds) -> f64 {
 
 /// The distance of the worst known parameter from its nominal value, in standard deviations. A parameter without an interval, at a bound, is not known. Some
 /// effects have several parameters that are not 0 when nominal (a gain before and after a jump). The one farthest from nominal is used: the identity needs all
-/// of them. `effect` and `found` are the same effect.
+/// of them. Instants and phases have an arbitrary origin, and no distance from it. `effect` and `found` are the same effect.
 pub(super) fn deviations(effect: &Applied, found: &FoundEffect) -> f64 {
     let known = |(p, found): (&Parameter, &FoundParameter)| {
+        if matches!(p.role, Role::Instant | Role::Phase) {
+            return None;
+        }
         let away = |value: f64| {
             found.std.filter(|std| *std > 0.0).map_or(0.0, |std| p.departure(value) / std)
         };
@@ -52,7 +55,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use deadtime_model::effect::{Role, find};
+    use deadtime_model::effect::find;
 
     /// A parameter: its role, its nominal value, and its value with its standard deviation.
     type Known = (Role, f64, Option<f64>, Option<f64>);
@@ -95,6 +98,8 @@ mod tests {
         assert_eq!(of(&[well, badly]), of(&[badly]));
         assert_eq!(of(&[well, (Role::Limit, f64::INFINITY, None, None)]), of(&[well]));
         assert_eq!(of(&[well, (Role::Size, 0.0, Some(2.0), None)]), 0.0);
+        // The time of a jump that may lie anywhere between two commands is no doubt about the jump.
+        assert_eq!(of(&[well, (Role::Instant, 0.0, Some(5.2), Some(6e4))]), of(&[well]));
     }
 
     proptest! {

@@ -5,6 +5,7 @@ use crate::hypothesis::effects::Hypothesis;
 use crate::hypothesis::shared_time::is_same;
 use crate::judge::intervals::Estimate;
 use crate::likelihood::gaussian::Likelihood;
+use deadtime_model::effect::Role;
 use deadtime_signal::stats::interval95;
 
 /// Relative standard deviation of a lattice's step: the rounding of numbers in a log.
@@ -16,6 +17,8 @@ pub(crate) fn found_effects(
     hypothesis: &Hypothesis,
     estimate: Option<&Estimate>,
 ) -> Vec<FoundEffect> {
+    let longest_s =
+        likelihood.records.iter().filter_map(|r| r.time_s.last()).fold(0.0, |a: f64, b| a.max(*b));
     let parameter = |e: usize, i: usize| {
         let applied = &hypothesis.effects[e];
         let fitted = |at: &(usize, usize)| is_same(&hypothesis.effects, *at, (e, i));
@@ -31,13 +34,16 @@ pub(crate) fn found_effects(
                 .and_then(|(estimate, at)| estimate.std[at])
                 .filter(|std| std.is_finite()),
         };
-        let value = applied.values[i];
+        let (value, own) = (applied.values[i], &applied.parameters[i]);
+        // No interval reaches beyond what physics allows, or a time beyond the logs.
+        let upper = if own.role == Role::Instant { longest_s.min(own.upper) } else { own.upper };
+        let [least, most] = [own.lower.min(value), upper.max(value)];
         FoundParameter {
-            name: applied.parameters[i].name.to_string(),
-            unit: applied.parameters[i].unit.clone(),
+            name: own.name.to_string(),
+            unit: own.unit.clone(),
             value: value.is_finite().then_some(value),
             std,
-            ci95: std.map(|s| interval95(value, s)),
+            ci95: std.map(|s| interval95(value, s).map(|end| end.clamp(least, most))),
         }
     };
     (hypothesis.effects.iter().enumerate())

@@ -14,7 +14,7 @@ use crate::hypothesis::effects::Hypothesis;
 use crate::hypothesis::shared_time::put;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
-use deadtime_model::effect::{Applied, EFFECTS, Scales};
+use deadtime_model::effect::{Applied, EFFECTS, Role, Scales};
 use deadtime_signal::stats::{NORMAL_95, NORMAL_95_EXACT, students_t};
 
 /// Prior sizes of the nominal parameters' relative errors that are tried.
@@ -175,6 +175,11 @@ pub(crate) fn estimate(
         let variance = covariance[(at, at)].max(spread[(at, at)]) + step[at] * step[at];
         let std = Some(variance.sqrt() / length[at])
             .filter(|s| s.is_finite() && !hypothesis.at_bound(parameter, scales))?;
+        // Between two commands the time of a jump changes nothing: slopes give more than the spread of a uniform distribution over the logs, and the width is searched.
+        let (e, i) = parameter;
+        let is_instant = hypothesis.effects[e].parameters[i].role == Role::Instant;
+        let unknown = is_instant && std > scales.duration_s / 12.0_f64.sqrt();
+        let std = if unknown { scales.sample_time_s } else { std };
         Some(as_far_as_unnoticed(likelihood, hypothesis, parameter, std, cost))
     });
     let std = std.collect();
