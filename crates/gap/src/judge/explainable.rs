@@ -94,7 +94,7 @@ pub(crate) fn shares(
                 .filter_map(|u| finite(stacked(likelihood, active, Some(u), &rows)? - &base)),
         );
     }
-    // Regressors that say nothing cost the others a part of their weight: the forces are tried beside the rest, and without.
+    // Regressors without information reduce the weight of the others: the larger share counts, with the forces or without.
     let without_forces = columns.len();
     columns.extend(forces(likelihood, active, &rows).into_iter().filter_map(finite));
     (0..outputs)
