@@ -40,7 +40,7 @@ pub(crate) struct Run {
     slopes: Vec<f64>,
 }
 
-/// The runs of all logs; `None` where the model has no differential equations, or cannot be simulated.
+/// The runs of all logs; `None` where the model has no differential equations, has an effect on an internal quantity, or cannot be simulated.
 pub(crate) fn runs(likelihood: &Likelihood<'_>, effects: &[Applied]) -> Option<Vec<Run>> {
     (0..likelihood.records.len()).map(|at| Run::of(likelihood, effects, at)).collect()
 }
@@ -51,6 +51,11 @@ impl Run {
         let (system, record) = (likelihood.system, &likelihood.records[at]);
         let mut plan = likelihood.plan(effects, Chance::Mean)?;
         if matches!(plan.dynamics, Dynamics::Sampled(..) | Dynamics::BlackBox(..)) {
+            return None;
+        }
+        // The feedback through an internal quantity with an effect is no part of the equations.
+        let size = (system.states.len(), system.inputs.len());
+        if matches!(&plan.dynamics, Dynamics::Equations(equations, _) if equations.size() != size) {
             return None;
         }
         plan.wanted = Wanted::default();

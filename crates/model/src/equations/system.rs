@@ -375,6 +375,12 @@ impl Equations {
         workspace
     }
 
+    /// The numbers of states and inputs. An effect on an internal quantity adds an input.
+    #[must_use]
+    pub fn size(&self) -> (usize, usize) {
+        (self.states.len(), self.inputs.len())
+    }
+
     fn check_point(&self, at: Point<'_>) {
         debug_assert_eq!(
             (at.x.len(), at.u.len(), at.p.len()),
