@@ -93,15 +93,14 @@ fn described_as(more: &str, full: &Diagnosed, goes_with: &str, over: &str, truth
     );
 }
 
-/// The equations with a limit inside have one input more than the model.
+/// The equations with a lag inside have one input more than the model.
 #[test]
-fn a_limit_inside_the_equations_has_a_floor_and_a_verdict() {
-    let limit: [(&str, &str, &[f64]); 1] =
-        [("internal_saturation", "stiffness*(u - x)", &[-4.0, 4.0])];
-    let logs = [0, 1, 2].map(|i| log(&plain(), &limit, 900, 5200 + i, &[0.0, 0.0]));
+fn a_lag_inside_the_equations_has_a_floor_and_a_verdict() {
+    let lag: [(&str, &str, &[f64]); 1] = [("internal_lag", "stiffness*(u - x)", &[0.15])];
+    let logs = [0, 1, 2].map(|i| log(&plain(), &lag, 900, 5200 + i, &[0.0, 0.0]));
     let d = diagnosed(&plain(), &logs[..2], &logs[2..]);
     assert_eq!(d.cause.effects.len(), 1, "{:?}", d.cause.effects);
-    assert_eq!(d.cause.effects[0].effect, "internal_saturation", "{:?}", d.cause.effects);
+    assert_eq!(d.cause.effects[0].effect, "internal_lag", "{:?}", d.cause.effects);
 }
 
 /// What remains suggests its own term, and a second diagnosis finds it with its size.
