@@ -227,6 +227,27 @@ fn a_slower_loop_is_named_with_its_period() {
     assert!(handed < 0.15 * nominal, "{nominal} to {handed}");
 }
 
+#[test]
+fn a_slower_loop_is_named_with_a_period_between_the_samples() {
+    for (seed, period, phase) in
+        [(741, 0.30564, 0.2137), (742, 0.13719, 0.0391), (743, 0.24447, 0.11)]
+    {
+        let late = |k: usize| {
+            let passed = ((TS * k as f64 - phase) / period).floor();
+            k - ((phase + passed * period) / TS).ceil().max(0.0) as usize
+        };
+        let (found, [nominal, handed]) = diagnosed(seed, &late_by(late));
+        assert_eq!(keys(&found), ["multi_rate:u"], "{period}");
+        // The last command of 20 s passes within half a sample.
+        assert!(
+            (value(&found, "period") / period - 1.0).abs() < 0.5 * TS / 20.0,
+            "{} is not {period}",
+            value(&found, "period")
+        );
+        assert!(handed < 0.3 * nominal, "{nominal} to {handed}");
+    }
+}
+
 /// In order; a change of the command comes late by a delay of its own, in samples.
 fn in_order(mean: f64, spread: f64) -> impl Fn(&[f64], &mut ChaCha8Rng) -> Vec<f64> {
     move |sent, rng| {

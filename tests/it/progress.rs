@@ -1,8 +1,6 @@
 //! Long work says how far it is: never less than before, and all of it at the end.
 
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
 
 use crate::structured::{PENDULUM, swing};
 use deadtime::delay::{Feedback, Job, TakenOut, identify_behind_delays};
@@ -15,26 +13,12 @@ use deadtime::model::{EquationsFile, ModelDocument};
 use deadtime::progress::HowFar;
 use deadtime::stop::Stop;
 
-/// What was said while the work went on: the shares in their order, each with its words.
+/// The reports of the work in their order: shares with their words.
 fn told(work: impl FnOnce(&HowFar)) -> Vec<(f64, String)> {
-    let (far, done) = (HowFar::watched(), AtomicBool::new(false));
-    let mut seen: Vec<(f64, String)> = Vec::new();
-    std::thread::scope(|scope| {
-        let looking = scope.spawn(|| {
-            let mut seen = Vec::new();
-            while !done.load(Ordering::Relaxed) {
-                seen.extend(far.told());
-                seen.dedup();
-                std::thread::sleep(Duration::from_micros(50));
-            }
-            seen
-        });
-        work(&far);
-        done.store(true, Ordering::Relaxed);
-        seen = looking.join().unwrap();
-    });
-    seen.extend(far.told());
-    seen
+    let (each, reports) = std::sync::mpsc::channel();
+    let far = HowFar::sent(each);
+    work(&far);
+    reports.try_iter().collect()
 }
 
 fn advances(name: &str, told: &[(f64, String)], to: f64) {

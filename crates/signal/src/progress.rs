@@ -1,10 +1,18 @@
 //! The progress of long work: the work reports it, and the caller reads it.
 
 use std::fmt::Display;
+use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The finished part of the work, 0 to 1, and its current step.
-type Told = Arc<Mutex<Option<(f64, String)>>>;
+type Report = (f64, String);
+
+/// Where reports go.
+#[derive(Debug, Default)]
+struct Reader {
+    last: Mutex<Option<Report>>,
+    each: Option<Sender<Report>>,
+}
 
 /// The progress of work; copies share one state. Without a reader, as by default, a report costs nothing.
 #[derive(Debug, Clone, Default)]
@@ -13,16 +21,26 @@ pub struct HowFar(Option<Stretch>);
 /// A stretch of the whole.
 #[derive(Debug, Clone)]
 struct Stretch {
-    told: Told,
+    reader: Arc<Reader>,
     from: f64,
     to: f64,
 }
 
 impl HowFar {
-    /// For work with a reader.
+    /// For work whose reader asks for the last report.
     #[must_use]
     pub fn watched() -> Self {
-        Self(Some(Stretch { told: Told::default(), from: 0.0, to: 1.0 }))
+        Self::read_by(Reader::default())
+    }
+
+    /// For work whose reader receives each report in order.
+    #[must_use]
+    pub fn sent(each: Sender<(f64, String)>) -> Self {
+        Self::read_by(Reader { each: Some(each), ..Reader::default() })
+    }
+
+    fn read_by(reader: Reader) -> Self {
+        Self(Some(Stretch { reader: Arc::new(reader), from: 0.0, to: 1.0 }))
     }
 
     /// The same for one part of the work, which lasts from `from` to `to` of the whole, 0 to 1.
@@ -30,7 +48,7 @@ impl HowFar {
     pub fn part(&self, from: f64, to: f64) -> Self {
         let within = |part: &Stretch, share: f64| part.from + (part.to - part.from) * share;
         Self(self.0.as_ref().map(|part| Stretch {
-            told: Arc::clone(&part.told),
+            reader: Arc::clone(&part.reader),
             from: within(part, from),
             to: within(part, to),
         }))
@@ -40,17 +58,22 @@ impl HowFar {
     pub fn at(&self, share: f64, what: &dyn Display) {
         if let Some(part) = &self.0 {
             let share = part.from + (part.to - part.from) * share.clamp(0.0, 1.0);
-            *part.told.lock().unwrap_or_else(PoisonError::into_inner) =
-                Some((share, what.to_string()));
+            let report = (share, what.to_string());
+            let mut last = part.reader.last.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(each) = &part.reader.each {
+                // A reader who left misses nothing that it wants.
+                let _ = each.send(report.clone());
+            }
+            *last = Some(report);
         }
     }
 
     /// The last report: the finished part, 0 to 1, and the current step.
     #[must_use]
     pub fn told(&self) -> Option<(f64, String)> {
-        self.0
-            .as_ref()
-            .and_then(|part| part.told.lock().unwrap_or_else(PoisonError::into_inner).clone())
+        self.0.as_ref().and_then(|part| {
+            part.reader.last.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        })
     }
 
     /// Work of `all` equal steps, in any order and on any thread.

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::arrival_equations::{Linear, solve};
+use super::arrival_equations::{Linear, information, solve};
 use super::penalised_gain::NO_EVIDENCE;
 use super::queue::{Waiting, waiting_for};
 use deadtime_model::effect::Applied;
@@ -12,6 +12,8 @@ use deadtime_model::simulate::{Delays, Late};
 const SPREADS: (f64, f64, usize) = (0.03, 1.5, 9);
 /// Around the last one: neighbours by this factor.
 const NEIGHBOUR: f64 = 1.3;
+/// Halvings of this step's logarithm at the end: the last one is 1.7 %.
+const HALVINGS: i32 = 4;
 
 /// The spreads that are tried about a mean wait.
 fn spreads(wait_s: f64) -> Vec<f64> {
@@ -43,22 +45,57 @@ pub(super) fn spread(
     step_s: f64,
     first: bool,
 ) -> Option<(Late, Waiting)> {
-    let lowest = |spreads: Vec<f64>| {
-        let tried = spreads
-            .into_par_iter()
-            .filter_map(|s| waiting_for(wait_s, s, is_ordered(late), step_s));
-        let costs: Vec<(f64, (Late, Waiting))> =
-            tried.filter_map(|law| Some((solve(records, &law.1)?.cost, law))).collect();
-        costs
-            .into_iter()
-            .filter(|(cost, _)| cost.is_finite())
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, law)| law)
-    };
+    let lowest = |tried| lowest(records, tried, (wait_s, step_s), is_ordered(late));
     let all = || lowest(spreads(wait_s));
     let spread_s = if first { all()?.0.spread_s } else { late.values[1] };
-    lowest([NEIGHBOUR.recip(), 1.0, NEIGHBOUR].into_iter().map(|by| by * spread_s).collect())
-        .or_else(all)
+    lowest(around(spread_s, NEIGHBOUR)).or_else(all)
+}
+
+fn around(spread_s: f64, by: f64) -> Vec<f64> {
+    [by.recip(), 1.0, by].into_iter().map(|by| by * spread_s).collect()
+}
+
+/// The one of these spreads with the lowest cost, about a mean wait of commands that are sent every `step_s`.
+fn lowest(
+    records: &[Linear],
+    spreads: Vec<f64>,
+    (wait_s, step_s): (f64, f64),
+    ordered: bool,
+) -> Option<(Late, Waiting)> {
+    let tried = spreads.into_par_iter().filter_map(|s| waiting_for(wait_s, s, ordered, step_s));
+    let costs: Vec<(f64, (Late, Waiting))> =
+        tried.filter_map(|law| Some((solve(records, &law.1)?.cost, law))).collect();
+    costs
+        .into_iter()
+        .filter(|(cost, _)| cost.is_finite())
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, law)| law)
+}
+
+/// The law about delays that are known, and the standard deviations of its mean and its spread.
+pub(super) struct Settled {
+    pub(super) law: Late,
+    pub(super) std: Vec<f64>,
+}
+
+impl Settled {
+    /// With the spread between those that were tried before: the steps around the best are halved until they are small against the spread's uncertainty.
+    pub(super) fn of(records: &[Linear], late: &Applied, step_s: f64) -> Option<Self> {
+        let ordered = is_ordered(late);
+        let about = (waits(late, step_s)?.mean_s, step_s);
+        let mut best = lowest(records, vec![late.values[1]], about, ordered)?;
+        for halving in 1..=HALVINGS {
+            let by = NEIGHBOUR.powf(0.5_f64.powi(halving));
+            best = lowest(records, around(best.0.spread_s, by), about, ordered).unwrap_or(best);
+        }
+        let (law, waiting) = best;
+        let solved = solve(records, &waiting)?;
+        let information = information(records, &waiting)?;
+        let law =
+            waiting_for(solved.mean_s, law.spread_s, ordered, step_s).map_or(law, |(law, _)| law);
+        let spread_std = law.spread_s / (2.0 * information.spread).sqrt();
+        Some(Self { law, std: vec![solved.precision.sqrt().recip(), spread_std] })
+    }
 }
 
 fn is_ordered(late: &Applied) -> bool {

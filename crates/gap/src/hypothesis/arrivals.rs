@@ -17,7 +17,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::arrival_equations::{Linear, improbable, information, linear, solve};
-use super::arrival_law::{is_disturbance, spread, waits};
+use super::arrival_law::{Settled, is_disturbance, spread, waits};
 use super::direction::with;
 use super::effects::{Dropouts, Hypothesis};
 use super::queue::waiting_for;
@@ -76,8 +76,6 @@ pub(super) fn decode(
             .map_or(chosen, |(law, _)| law);
         let count =
             records.iter().filter(|r| r.trained).map(|r| r.sent.len()).sum::<usize>().max(2) as f64;
-        let std =
-            vec![solved.precision.sqrt().recip(), law.spread_s / (2.0 * information.spread).sqrt()];
         let law = with(&here.late, &[law.delay_s, law.spread_s, here.late.values[2]]);
         // The way there, or a part of it: the response to a delay is another one once the delay is there.
         let tried = |part: f64| {
@@ -94,7 +92,6 @@ pub(super) fn decode(
             }
             there.price = lost.price + solved.freedom + improbability + count.ln();
             there.followed = information.noise;
-            there.std[input].clone_from(&std);
             let effects: Vec<Applied> = others.iter().cloned().chain([law.clone()]).collect();
             let whitened = likelihood
                 .whitened(ActiveEffects { effects: &effects, lost: Some(&there.sequences) })?;
@@ -133,7 +130,11 @@ pub(super) fn decode(
         return None;
     }
     *lost = known;
-    Some(late)
+    let Some(Settled { law, std }) = Settled::of(&records, &late, step_s) else {
+        return Some(late);
+    };
+    lost.std[input] = std;
+    Some(with(&late, &[law.delay_s, law.spread_s, late.values[2]]))
 }
 
 /// A place in the search for delays.

@@ -14,6 +14,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::slower_loop::nearby;
 use crate::hypothesis::direction::{NEAR, between, difference, with};
 use crate::hypothesis::event::{Stretch, event};
 use crate::likelihood::active_effects::NO_EFFECT;
@@ -39,6 +40,8 @@ const TRIED: usize = 16;
 const PHASES: usize = 6;
 /// First guesses of a slower loop that are handed on.
 const KEPT: usize = 3;
+/// Periods and phases between those of whole samples that are simulated for each of these.
+const BETWEEN: usize = 8;
 
 /// The first guesses of a scan for every candidate that changes with time.
 pub(crate) fn scanned(
@@ -412,6 +415,9 @@ impl Grid {
 }
 
 /// The best periods and phases of a slower loop that is as late on average as a fixed delay.
+///
+/// Whole samples of period and a few phases are simulated. A period between them looks near any time like its neighbour with another phase, so
+/// the squared errors by stretch of time give the cost of all periods that the logs' length resolves. The best of these are simulated.
 fn slower(
     likelihood: &Likelihood<'_>,
     scales: &Scales,
@@ -420,28 +426,80 @@ fn slower(
     delay_s: f64,
 ) -> Vec<Vec<f64>> {
     let cost = likelihood.inner(nominal, nominal);
-    let step_s = scales.sample_time_s;
+    let (step_s, duration_s) = (scales.sample_time_s, scales.duration_s);
+    let bin_s = duration_s / BINS as f64;
     let [shortest, longest] = PERIODS.map(|times| (times * delay_s / step_s).round() as usize);
     let periods: Vec<usize> = (shortest.max(2)..=longest.max(4)).collect();
     let (tried, phases) =
         if likelihood.calls(applied) { (TRIED / 4, PHASES / 3) } else { (TRIED, PHASES) };
     let every = periods.len().div_ceil(tried).max(1);
-    let guesses: Vec<Vec<f64>> = (periods.into_iter().step_by(every))
-        .flat_map(|samples| {
-            let period_s = samples as f64 * step_s;
-            (0..phases).map(move |at| vec![period_s, (at as f64 + 0.5) / phases as f64 * period_s])
-        })
-        .collect();
-    let gain = |guess: &Vec<f64>| {
+    let by_stretch = |guess: &[f64; 2]| {
         let there = likelihood.whitened(&[with(applied, guess)])?;
-        Some((cost - likelihood.inner(&there, &there), guess.clone()))
+        Some(products(likelihood, &there, &there, bin_s))
     };
-    let mut gains: Vec<(f64, Vec<f64>)> = if likelihood.calls(applied) {
-        guesses.iter().filter_map(gain).collect()
-    } else {
-        guesses.par_iter().filter_map(gain).collect()
+    let of_all = |guesses: &[[f64; 2]]| -> Vec<Option<Vec<f64>>> {
+        if likelihood.calls(applied) {
+            guesses.iter().map(by_stretch).collect()
+        } else {
+            guesses.par_iter().map(by_stretch).collect()
+        }
     };
-    gains.retain(|(gain, _)| *gain > likelihood.criteria.selection_penalty);
+    let between = |samples: usize| {
+        let period_s = samples as f64 * step_s;
+        let squares = of_all(&with_phases(period_s, phases)).into_iter().collect::<Option<_>>()?;
+        Some(Lattice { period_s, squares, bin_s }.between(0.5 * every as f64 * step_s))
+    };
+    let mut costs: Vec<(f64, [f64; 2])> =
+        periods.into_iter().step_by(every).filter_map(between).flatten().collect();
+    costs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let best: Vec<[f64; 2]> = costs.into_iter().take(BETWEEN * KEPT).map(|c| c.1).collect();
+    let mut gains: Vec<(f64, [f64; 2])> = of_all(&best)
+        .into_iter()
+        .zip(&best)
+        .filter_map(|(squares, guess)| Some((cost - squares?.iter().sum::<f64>(), *guess)))
+        .filter(|(gain, _)| *gain > likelihood.criteria.selection_penalty)
+        .collect();
     gains.sort_by(|a, b| b.0.total_cmp(&a.0));
-    gains.into_iter().take(KEPT).map(|(_, guess)| guess).collect()
+    let near = |guess: [f64; 2]| {
+        nearby(likelihood, applied, &guess, 0.5 * guess[0] / phases as f64, scales).values
+    };
+    gains.into_iter().take(KEPT).map(|(_, guess)| near(guess)).collect()
+}
+
+/// The squared errors of a slower loop of one period at equally spaced phases, by stretch of time.
+struct Lattice {
+    period_s: f64,
+    /// Per phase and stretch; phase number n is (n + 1/2)/count of the period.
+    squares: Vec<Vec<f64>>,
+    /// The length of a stretch, seconds.
+    bin_s: f64,
+}
+
+impl Lattice {
+    /// Approximate costs of the periods up to `reach_s` away at the same phases. The passing times of neighbours differ by a quarter of a period at most
+    /// over the logs.
+    fn between(&self, reach_s: f64) -> Vec<(f64, [f64; 2])> {
+        let (phases, bins) = (self.squares.len(), self.squares[0].len());
+        let duration_s = self.bin_s * bins as f64;
+        let fine_s = 0.25 * self.period_s * self.period_s / duration_s;
+        let steps = (reach_s / fine_s).floor() as i32;
+        (-steps..=steps)
+            .flat_map(|step| with_phases(self.period_s + f64::from(step) * fine_s, phases))
+            .map(|[period_s, phase_s]| {
+                let of_bin = |bin: usize| {
+                    // The phase that passes commands last at the same time.
+                    let middle_s = (bin as f64 + 0.5) * self.bin_s;
+                    let age_s = (middle_s - phase_s).rem_euclid(period_s);
+                    let phase = (middle_s - age_s).rem_euclid(self.period_s) / self.period_s;
+                    self.squares[((phase * phases as f64) as usize).min(phases - 1)][bin]
+                };
+                ((0..bins).map(of_bin).sum(), [period_s, phase_s])
+            })
+            .collect()
+    }
+}
+
+/// A period with equally spaced phases.
+fn with_phases(period_s: f64, count: usize) -> Vec<[f64; 2]> {
+    (0..count).map(|at| [period_s, (at as f64 + 0.5) / count as f64 * period_s]).collect()
 }

@@ -27,13 +27,24 @@ const NEARLY: f64 = 0.9;
 /// Frequencies per reciprocal of the logs' length, and so many at most.
 const FINE: f64 = 6.0;
 const FREQUENCIES: f64 = 40_000.0;
-/// Lattices that are fitted. Before that, places of a lattice at both ends of the logs: this many steps to either side, this many to a sample.
-/// Decoded arrivals are wrong by some samples here and there, and a lattice that is a sample off explains little.
+/// Lattices that are fitted. Before that, places near them are tried from so many samples on: decoded arrivals are wrong by some samples here and there,
+/// and a lattice that is a sample off explains little.
 const LATTICES: usize = 2;
-const STEPS: i32 = 8;
-const TO_A_SAMPLE: f64 = 3.0;
-/// Times the steps are halved around the best.
-const HALVINGS: i32 = 4;
+const SAMPLES: f64 = 2.0;
+/// Steps to a sample at the end of such a search, and its moves at most.
+const TO_A_SAMPLE: f64 = 32.0;
+const MOVES: usize = 40;
+/// Moves at the start of the logs and at their end.
+const NEIGHBOURS: [[f64; 2]; 8] = [
+    [1.0, 1.0],
+    [-1.0, -1.0],
+    [1.0, 0.0],
+    [-1.0, 0.0],
+    [0.0, 1.0],
+    [0.0, -1.0],
+    [1.0, -1.0],
+    [-1.0, 1.0],
+];
 
 /// Fits a slower loop where the arrivals of commands decoded as lost or late lie on its lattice. It replaces a loop with a worse fit.
 pub(crate) fn from_arrivals(
@@ -68,8 +79,9 @@ pub(crate) fn from_arrivals(
         };
         let Some(single) = singles.iter_mut().find(|s| s.key() == nominal.key()) else { continue };
         let (_, longest_s) = nominal.range(0, scales);
+        let reach_s = SAMPLES * arrivals.sample_time_s;
         let fit = |guess: Vec<f64>| {
-            let begin = nearby(likelihood, &nominal, &guess, scales);
+            let begin = nearby(likelihood, &nominal, &guess, reach_s, scales);
             Hypothesis::fit(likelihood, &[begin], scales, cost, likelihood.budget.steps)
         };
         let fits: Vec<Hypothesis> =
@@ -155,11 +167,15 @@ fn lattices(arrivals: &Arrivals, longest_s: f64, duration_s: f64) -> Vec<Vec<f64
     chosen.map(|n| vec![1.0 / all[n].0, (all[n].2 / TAU).rem_euclid(1.0) / all[n].0]).collect()
 }
 
-/// The best of periods and phases close to a guess. The search uses a grid over some samples at both ends of the logs, then finer and finer steps.
-fn nearby(
+/// Period and phase of the lowest cost near a guess. The passing times move at the start of the logs and at their end, first by `reach_s`.
+///
+/// A compass search (Kolda, Lewis and Torczon 2003, doi:10.1137/S003614450242889) takes steps far larger than a sample first. Within a sample the
+/// slope of the cost has no meaning: the passing times move and the commands that pass stay the same ones.
+pub(super) fn nearby(
     likelihood: &Likelihood<'_>,
     nominal: &Applied,
     guess: &[f64],
+    reach_s: f64,
     scales: &Scales,
 ) -> Applied {
     let turns = (scales.duration_s / guess[0]).max(1.0);
@@ -167,27 +183,27 @@ fn nearby(
     let moved = |[first_s, last_s]: [f64; 2]| {
         vec![guess[0] + (last_s - first_s) / turns, guess[1] + first_s]
     };
-    let best_of = |[first_s, last_s]: [f64; 2], step_s: f64, steps: i32| {
-        let places =
-            (-steps..=steps).flat_map(|first| (-steps..=steps).map(move |last| (first, last)));
-        let places: Vec<[f64; 2]> = places
-            .map(|(f, l)| [first_s + f64::from(f) * step_s, last_s + f64::from(l) * step_s])
-            .collect();
-        let costed = |place: &[f64; 2]| {
-            let there = likelihood.whitened(&[with(nominal, &moved(*place))])?;
-            Some((likelihood.inner(&there, &there), *place))
-        };
-        places
-            .par_iter()
-            .filter_map(costed)
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map_or([first_s, last_s], |(_, place)| place)
+    let costed = |place: [f64; 2]| {
+        let there = likelihood.whitened(&[with(nominal, &moved(place))])?;
+        Some((likelihood.inner(&there, &there), place))
     };
-    let step_s = scales.sample_time_s / TO_A_SAMPLE;
-    let coarse = best_of([0.0; 2], step_s, STEPS);
-    let fine =
-        (1..=HALVINGS).fold(coarse, |place, times| best_of(place, step_s / 2.0_f64.powi(times), 1));
-    with(nominal, &moved(fine))
+    let Some(mut best) = costed([0.0; 2]) else { return with(nominal, guess) };
+    let (mut step_s, smallest_s) = (reach_s, scales.sample_time_s / TO_A_SAMPLE);
+    for _ in 0..MOVES {
+        let [first_s, last_s] = best.1;
+        let places = NEIGHBOURS.map(|[f, l]| [first_s + f * step_s, last_s + l * step_s]);
+        let costs: Vec<(f64, [f64; 2])> = if likelihood.calls(nominal) {
+            places.into_iter().filter_map(costed).collect()
+        } else {
+            places.into_par_iter().filter_map(costed).collect()
+        };
+        match costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some(next) if next.0 < best.0 => best = next,
+            _ if step_s <= smallest_s => break,
+            _ => step_s *= 0.5,
+        }
+    }
+    with(nominal, &moved(best.1))
 }
 
 #[cfg(test)]
