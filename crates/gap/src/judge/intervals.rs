@@ -180,7 +180,15 @@ pub(crate) fn estimate(
         let is_instant = hypothesis.effects[e].parameters[i].role == Role::Instant;
         let unknown = is_instant && std > scales.duration_s / 12.0_f64.sqrt();
         let std = if unknown { scales.sample_time_s } else { std };
-        Some(as_far_as_unnoticed(likelihood, hypothesis, parameter, std, cost))
+        let alone: Vec<f64> = (0..own).map(|to| if to == at { 1.0 } else { 0.0 }).collect();
+        // The others follow as their posterior does: the profile of the cost, to first order.
+        let follows = |to| covariance[(to, at)] / covariance[(at, at)] * length[at] / length[to];
+        let together: Vec<f64> = (0..own).map(follows).collect();
+        let directions = if own > 1 && !unknown { vec![alone, together] } else { vec![alone] };
+        let widest = directions
+            .iter()
+            .map(|by| as_far_as_unnoticed(likelihood, hypothesis, by, parameter.0, std, cost));
+        Some(widest.fold(0.0, f64::max))
     });
     let std = std.collect();
     Some(Estimate { std, together })
@@ -282,10 +290,13 @@ impl Estimate {
 /// minimum. A cost with jumps or kinks has no curvature that determines its width. An example is a delay together with a direct path: uneven samples pass edges
 /// of the commands one by one. A smooth cost rises by 3.84 or more at the end of a 95 % interval, and the standard deviation stays. Infinite where the cost never
 /// changes: a limit that nothing reaches. Where the cost falls, another noise model has the minimum elsewhere; its distance is a part of the uncertainty.
+///
+/// `direction`: the moves of all free parameters for a move of 1 of the one of effect `e`. Alone, neither period nor phase of a slower loop could move.
 fn as_far_as_unnoticed(
     likelihood: &Likelihood<'_>,
     hypothesis: &Hypothesis,
-    (e, i): (usize, usize),
+    direction: &[f64],
+    e: usize,
     std: f64,
     cost: f64,
 ) -> f64 {
@@ -294,7 +305,9 @@ fn as_far_as_unnoticed(
     }
     let rise = |move_by: f64| {
         let mut effects = hypothesis.effects.clone();
-        put(&mut effects, (e, i), hypothesis.effects[e].values[i] + move_by);
+        for (&(e, i), by) in hypothesis.free.iter().zip(direction) {
+            put(&mut effects, (e, i), hypothesis.effects[e].values[i] + by * move_by);
+        }
         let there = likelihood.whitened(ActiveEffects::from(hypothesis).with(&effects));
         there.map_or(f64::INFINITY, |there| likelihood.inner(&there, &there) - cost)
     };
