@@ -1,6 +1,6 @@
 //! The sentences of an answer. Diagnoses are those of other tests, which assert their fields.
 
-use deadtime::diagnose::Caveat;
+use deadtime::diagnose::{Caveat, Explained};
 use deadtime::report::diagnosis::summary;
 
 use crate::{gap_coarse, gap_nominal, gap_nuisances, gap_rest};
@@ -24,6 +24,19 @@ fn a_cause_with_something_else_explains_most_and_says_what_stays() {
             && said.contains("times the noise: something else differs, too."),
         "{said}"
     );
+}
+
+/// A named effect beside a rest that stays, written into a diagnosis whose effect explains nearly all.
+#[test]
+fn a_named_cause_with_an_unexplained_part_says_that_more_acts() {
+    let complete = &*gap_nuisances::TRIMMED;
+    let mut found = complete.clone();
+    let cause = &mut found.diagnosis.cause;
+    assert_ne!(cause.verdict, "unknown");
+    cause.explained = Some(Explained::Mostly);
+    cause.remainder.as_mut().unwrap().share.learnt = Some(0.043);
+    assert!(summary(&found).contains(" More acts: 4.3 % of the gap stays unexplained."));
+    assert!(!summary(complete).contains("More acts"));
 }
 
 #[test]

@@ -91,10 +91,15 @@ impl Settled {
         let (law, waiting) = best;
         let solved = solve(records, &waiting)?;
         let information = information(records, &waiting)?;
-        let law =
-            waiting_for(solved.mean_s, law.spread_s, ordered, step_s).map_or(law, |(law, _)| law);
+        let with = |spread_s| waiting_for(solved.mean_s, spread_s, ordered, step_s);
+        let law = with(law.spread_s).map_or(law, |(law, _)| law);
         let spread_std = law.spread_s / (2.0 * information.spread).sqrt();
-        Some(Self { law, std: vec![solved.precision.sqrt().recip(), spread_std] })
+        // Commands that keep their order wait longer the more their delays vary: of one mean wait the mean delay depends on the spread.
+        let moved = with(law.spread_s + spread_std)
+            .or_else(|| with(law.spread_s - spread_std))
+            .map_or(0.0, |(moved, _)| moved.delay_s - law.delay_s);
+        let mean_std = solved.precision.sqrt().recip().hypot(moved);
+        Some(Self { law, std: vec![mean_std, spread_std] })
     }
 }
 
