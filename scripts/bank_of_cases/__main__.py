@@ -6,7 +6,7 @@
   scripts/bank law FOLDER    the law of class probabilities, fitted to answers of the development set, and its reliability
   scripts/bank page          docs/results/bank.md from the newest stored answers of both sets
   scripts/bank ablate OUT --cases N     docs/results/ablation.md: what each chosen constant changes on the development set
-  scripts/bank compare OLD NEW   paired differences; FOLDER or a file of answers, such as golden/bank/development-a2c844c.jsonl.gz
+  scripts/bank compare OLD NEW   paired differences; FOLDER or a file of answers, such as golden/bank/development-75a22eac.jsonl.gz
 
 Changes are tried on the development set. The locked set is for the last word on a change: `run locked` demands --final COMMIT, appends to scripts/bank_log.md,
 and is refused after three commits.
