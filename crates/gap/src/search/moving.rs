@@ -476,7 +476,7 @@ struct Lattice {
 }
 
 impl Lattice {
-    /// Approximate costs of the periods up to `reach_s` away at the same phases. The passing times of neighbours differ by a quarter of a period at most
+    /// Approximate costs of the periods up to `reach_s` away at the same phases. The passing times of neighbours differ by 25 % of a period at most
     /// over the logs.
     fn between(&self, reach_s: f64) -> Vec<(f64, [f64; 2])> {
         let (phases, bins) = (self.squares.len(), self.squares[0].len());
