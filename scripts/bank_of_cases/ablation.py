@@ -20,7 +20,8 @@ SHOWN = ("named", "precision", "false_complete", "false_alarm", "coverage", "tim
 HEAD = """# Ablation of the constants
 
 `scripts/bank ablate OUT --cases N` writes this page. It builds the program with another value of one constant and answers the first N development cases of each group
-([the bank](bank.md) defines groups and scores). *changed* counts the answers with another verdict or other causes. All other columns are scores with this value.
+([the bank](bank.md) defines groups and scores). *changed* counts the answers with another verdict or other causes. All other columns are scores with this value. Of few cases, no change
+is no proof that a constant never matters.
 
 """
 

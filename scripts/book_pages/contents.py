@@ -67,6 +67,7 @@ AFTER = """
 - [The most important numbers](results/index.md)
     - [What was checked with what](results/validation.md)
     - [Diagnoses of the bank](results/bank.md)
+    - [Ablation of the constants](results/ablation.md)
     - [Machines with friction, limits and loops](results/machine-kinds.md)
     - [Real machines](results/machines.md)
     - [Effects injected into logs of real machines](results/injections.md)
