@@ -26,7 +26,7 @@ fn a_cause_with_something_else_explains_most_and_says_what_stays() {
     );
 }
 
-/// A named effect beside a rest that stays, written into a diagnosis whose effect explains nearly all.
+/// A named effect with an unexplained part, written into a diagnosis whose effect explains nearly all.
 #[test]
 fn a_named_cause_with_an_unexplained_part_says_that_more_acts() {
     let complete = &*gap_nuisances::TRIMMED;

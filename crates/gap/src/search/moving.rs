@@ -477,12 +477,12 @@ struct Lattice {
 
 impl Lattice {
     /// Approximate costs of the periods up to `reach_s` away at the same phases. The passing times of neighbours differ by 25 % of a period at most
-    /// over the logs.
+    /// over the logs. Within a stretch the phase moves by 25 % of a period at most, or the neighbour is another one there: the stretches bound the steps.
     fn between(&self, reach_s: f64) -> Vec<(f64, [f64; 2])> {
         let (phases, bins) = (self.squares.len(), self.squares[0].len());
         let duration_s = self.bin_s * bins as f64;
         let fine_s = 0.25 * self.period_s * self.period_s / duration_s;
-        let steps = (reach_s / fine_s).floor() as i32;
+        let steps = (reach_s / fine_s).floor().min(bins as f64) as i32;
         (-steps..=steps)
             .flat_map(|step| with_phases(self.period_s + f64::from(step) * fine_s, phases))
             .map(|[period_s, phase_s]| {
