@@ -132,21 +132,7 @@ impl Gap {
             Ok(logs)
         };
         let (logs, holdout) = (read(&self.log)?, read(&self.holdout)?);
-        let options = GapOptions {
-            prediction: self.prediction.map(|mode| match mode {
-                ModeName::Simulation => Mode::Simulation,
-                ModeName::Predictor => Mode::Predictor,
-            }),
-            horizon: self.horizon,
-            longest_delay_s: self.max_delay,
-            rows: self.look_at,
-            suggest: self.suggest,
-            effects: known_effects(&self.effects)?,
-            longest_run_s: 60.0 * self.max_minutes,
-            seed: self.seed,
-            criteria: self.thresholds.criteria()?,
-            ..GapOptions::default()
-        };
+        let options = self.options()?;
         if self.isolability {
             let bar = Bar::new(to);
             let found =
@@ -185,6 +171,26 @@ impl Gap {
         }
         Ok(())
     }
+
+    /// The options of the diagnosis.
+    fn options(&self) -> anyhow::Result<GapOptions> {
+        Ok(GapOptions {
+            prediction: self.prediction.map(|mode| match mode {
+                ModeName::Simulation => Mode::Simulation,
+                ModeName::Predictor => Mode::Predictor,
+            }),
+            horizon: self.horizon,
+            longest_delay_s: self.max_delay,
+            rows: self.look_at,
+            suggest: self.suggest,
+            effects: known_effects(&self.effects)?,
+            longest_run_s: 60.0 * self.max_minutes,
+            seed: self.seed,
+            criteria: self.thresholds.criteria()?,
+            ..GapOptions::default()
+        })
+    }
+
     /// The command that fits the found effects; `None` where other effects than values of parameters act. It reads logs as this one does; uneven ones are
     /// resampled.
     fn identify_command(&self, d: &Diagnosis, logs: &[Log]) -> Option<String> {

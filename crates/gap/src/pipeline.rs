@@ -7,6 +7,8 @@
 
 use std::path::Path;
 
+use nalgebra::DMatrix;
+
 use super::answer::isolability as isolability_of;
 use super::error::Result;
 use crate::answer::diagnosed::Diagnosed;
@@ -17,7 +19,7 @@ use crate::baseline::motion::Motion;
 use crate::baseline::predictor::Predictor;
 use crate::baseline::runaway::must_not_explode;
 use crate::causes::conclusion::{ActiveCauses, Conclusion};
-use crate::checks::every::checks;
+use crate::checks::every::{Checked, checks};
 use crate::format::caveat::Caveat;
 use crate::format::diagnosis::Mode;
 use crate::format::error::not_finite;
@@ -39,6 +41,7 @@ use crate::search::longer::shift_beyond;
 use crate::search::moving::{scanned, typical};
 use deadtime_log::Log;
 use deadtime_model::effect::{Applied, Scales};
+use deadtime_model::simulate::System;
 use deadtime_model::{CandidateEntry, ModelDocument};
 use deadtime_signal::progress::HowFar;
 
@@ -287,6 +290,48 @@ impl Judgement {
     }
 }
 
+/// The longest delay of a repeated search; `None` where the option fixes the delay, or the logs allow none that is much longer.
+fn longer_delay_s(inputs: &Inputs, options: &GapOptions) -> Option<f64> {
+    let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);
+    let may_be_longer = options.longest_delay_s.is_none()
+        && longer_s > options.criteria.longer_at_least * inputs.longest_delay_s;
+    may_be_longer.then_some(longer_s)
+}
+
+/// The longest delay that includes the shift of the outputs, where the shift exceeds the present longest delay.
+fn longer_than_shift_s(
+    inputs: &Inputs,
+    before: &[DMatrix<f64>],
+    longer_s: f64,
+    options: &GapOptions,
+) -> Option<f64> {
+    let (longest_s, limit_s) = (inputs.longest_delay_s, 0.5 * inputs.limit_s);
+    let shift_s = shift_beyond(&inputs.training, before, longest_s, limit_s, &options.criteria)?;
+    Some(f64::min(f64::max(longer_s, options.criteria.longer_than_moved * shift_s), limit_s))
+}
+
+/// All checks on the training logs, for any prediction of the diagnosis.
+fn checked(system: &System, inputs: &Inputs, options: &GapOptions) -> Checked {
+    let predictor = Predictor::of(
+        system,
+        &inputs.training,
+        &inputs.poles,
+        inputs.probed.as_ref(),
+        None,
+        &options.criteria,
+    );
+    checks(system, &inputs.model_effects, &inputs.training, predictor, &HowFar::default())
+}
+
+/// The catalogue, restricted to the effects of the options where they name any.
+fn tried(system: &System, inputs: &Inputs, scales: &Scales, options: &GapOptions) -> Catalogue {
+    let mut tried = catalogue(system, &inputs.nuisances, inputs.probed.as_ref(), scales);
+    if !options.effects.is_empty() {
+        tried.candidates.retain(|c| options.effects.iter().any(|name| name == c.effect.name()));
+    }
+    tried
+}
+
 fn in_stages(
     subject: Subject<'_>,
     simulator: &Simulator,
@@ -302,60 +347,36 @@ fn in_stages(
     let likelihood = baseline.likelihood(simulator, &inputs, options)?;
     let before = residuals(&likelihood, NO_EFFECT).ok_or_else(|| not_finite(&inputs.training))?;
     must_not_explode(system, &inputs.training, &before)?;
-    let longer_s = f64::min(options.criteria.longer * inputs.longest_delay_s, 0.5 * inputs.limit_s);
-    let may_be_longer = options.longest_delay_s.is_none()
-        && longer_s > options.criteria.longer_at_least * inputs.longest_delay_s;
+    let longer_s = longer_delay_s(&inputs, options);
     let once_more = |longer_s: f64| {
         progress(Stage::Longer);
         let longer = GapOptions { longest_delay_s: Some(longer_s), ..options.clone() };
         in_stages(subject, simulator, logs, holdout, &longer, progress)
     };
-    if may_be_longer && likelihood.predictor.mode == Mode::Simulation {
-        let (longest_s, limit_s) = (inputs.longest_delay_s, 0.5 * inputs.limit_s);
-        if let Some(shift_s) =
-            shift_beyond(&inputs.training, &before, longest_s, limit_s, &options.criteria)
-        {
-            return once_more(f64::min(
-                f64::max(longer_s, options.criteria.longer_than_moved * shift_s),
-                limit_s,
-            ));
-        }
+    let simulated = likelihood.predictor.mode == Mode::Simulation;
+    if let Some(longer_s) = longer_s.filter(|_| simulated)
+        && let Some(shifted_s) = longer_than_shift_s(&inputs, &before, longer_s, options)
+    {
+        return once_more(shifted_s);
     }
     let mut scales =
         baseline.motion.scales(system, &inputs.training, &before, inputs.longest_delay_s);
 
-    let chosen = Predictor::of(
-        system,
-        &inputs.training,
-        &inputs.poles,
-        inputs.probed.as_ref(),
-        None,
-        &options.criteria,
-    );
-    let checked =
-        checks(system, &inputs.model_effects, &inputs.training, chosen, &HowFar::default());
-    let Catalogue { mut candidates, left_out } =
-        catalogue(system, &inputs.nuisances, inputs.probed.as_ref(), &scales);
-    if !options.effects.is_empty() {
-        candidates.retain(|c| options.effects.iter().any(|name| name == c.effect.name()));
-    }
+    let checked = checked(system, &inputs, options);
+    let Catalogue { candidates, left_out } = tried(system, &inputs, &scales, options);
     progress(Stage::Scanning);
     scales.scanned = scanned(&likelihood, &candidates, &scales);
-    let Searched { likelihood, found } = search(
-        likelihood,
-        candidates.clone(),
-        &checked.remedies,
-        &scales,
-        &baseline.motion.smallest,
-        progress,
-    )
-    .ok_or_else(|| not_finite(&inputs.training))?;
-    if may_be_longer && found.wants_longer_delays(&likelihood, &scales, &options.criteria) {
+    let smallest = &baseline.motion.smallest;
+    let Searched { likelihood, found } =
+        search(likelihood, candidates.clone(), &checked.remedies, &scales, smallest, progress)
+            .ok_or_else(|| not_finite(&inputs.training))?;
+    if let Some(longer_s) = longer_s
+        && found.wants_longer_delays(&likelihood, &scales, &options.criteria)
+    {
         return once_more(longer_s);
     }
 
     progress(Stage::Judging);
-    let smallest = &baseline.motion.smallest;
     let tried = [&candidates, &checked.remedies, &checked.limits].map(Vec::as_slice);
     let judgement = Judgement::of(&likelihood, &found, tried, &scales, smallest, progress)
         .ok_or_else(|| not_finite(&inputs.training))?;

@@ -150,13 +150,8 @@ impl Identifier for Riv {
         let found = search.best(&from, &to, far).ok_or_else(|| {
             failed("no model of these orders is stable and explains the data; take smaller nf and nb, or record with a stronger excitation")
         })?;
-        // The noise's own order, and a refit under it.
         let problem = data.problem(&found.lags, nb, &outputs);
-        let left = rough.left(&problem, &found.fit);
-        let orders = match (self.noise, noise_model(&left, NOISE)) {
-            (None, Some(noise)) => RefinedIv { noise: noise.d.len(), ..rough },
-            _ => rough,
-        };
+        let orders = self.with_own_noise(rough, &problem, &found.fit);
         let delays: Vec<usize> = found.lags.iter().map(|lag| lag.saturating_sub(1)).collect();
         let rival = Rival::of(&used, &delays, nf);
         let subspace = rival.as_ref().map(|r| polynomial(r.poles.iter().copied()));
@@ -167,12 +162,8 @@ impl Identifier for Riv {
             .map(|fit| orders.polished(&problem, fit))
             .ok_or_else(|| failed("the rounds have no finite end; take smaller orders"))?;
         let rows: usize = outputs.iter().map(Vec::len).sum();
-        // Poles may converge to any of N/2 frequencies, where a lag is only a phase. The initial states are free in the model without inputs, too.
-        let tries = (1 + longest) as f64 * (rows as f64 / 2.0).max(1.0);
         let free = nf + m * nb + used.stretches.len() * starts;
-        let limit =
-            ChiSquared::new(free as f64).map_or(0.0, |d| d.inverse_cdf(1.0 - BY_CHANCE / tries));
-        if gain(&outputs, orders.noise, fit.loss) < limit {
+        if gain(&outputs, orders.noise, fit.loss) < gain_by_chance(free, longest, rows) {
             return Err(failed(
                 "the output does not visibly follow the inputs; check the channels, or record with a stronger excitation",
             ));
@@ -192,6 +183,19 @@ impl Identifier for Riv {
 }
 
 impl Riv {
+    /// The orders of a refit: the noise's own order where none is given.
+    fn with_own_noise(
+        &self,
+        rough: RefinedIv,
+        problem: &IvProblem<'_>,
+        found: &IvFit,
+    ) -> RefinedIv {
+        match (self.noise, noise_model(&rough.left(problem, found), NOISE)) {
+            (None, Some(noise)) => RefinedIv { noise: noise.d.len(), ..rough },
+            _ => rough,
+        }
+    }
+
     /// The shortest and the longest lag of each of `m` inputs.
     fn lags(&self, m: usize) -> Result<(Vec<usize>, Vec<usize>), IdentifyError> {
         let refused = |option, value: usize, rule| {
@@ -213,6 +217,14 @@ impl Riv {
             None => Ok((vec![least; m], vec![self.max_delay.max(least); m])),
         }
     }
+}
+
+/// The largest gain by chance of `free` coefficients over all lags up to the longest, of this number of samples.
+///
+/// Poles may converge to any of N/2 frequencies, where a lag is only a phase. The initial states are free in the model without inputs, too.
+fn gain_by_chance(free: usize, longest: usize, rows: usize) -> f64 {
+    let tries = (1 + longest) as f64 * (rows as f64 / 2.0).max(1.0);
+    ChiSquared::new(free as f64).map_or(0.0, |d| d.inverse_cdf(1.0 - BY_CHANCE / tries))
 }
 
 /// Twice the log-likelihood that the inputs add to a noise model alone.

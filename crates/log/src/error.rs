@@ -607,30 +607,50 @@ impl LogError {
 
 impl Remedied for LogError {
     fn remedied(&self) -> Option<Message> {
-        let said = |text: String| Message::from(text);
+        self.on_columns().or_else(|| self.on_time()).or_else(|| self.on_samples())
+    }
+}
+
+impl LogError {
+    /// The message on a header, on columns and on their names.
+    fn on_columns(&self) -> Option<Message> {
         Some(match self {
             Self::FirstColumn { file, row, found } => {
-                said(format!("{file}, row {row}: no column is called `time` (the first is `{found}`); call it `time`, or say which it is with "))
+                Message::from(format!("{file}, row {row}: no column is called `time` (the first is `{found}`); call it `time`, or say which it is with "))
                     .and(Remedy::TimeColumn)
             }
             Self::NoHeader { file, row, cells } => {
-                said(format!("{file}, row {row}: numbers only, where a header row should name the {cells} columns; name them with ")).and(Remedy::ColumnNames)
+                Message::from(format!("{file}, row {row}: numbers only, where a header row should name the {cells} columns; name them with ")).and(Remedy::ColumnNames)
             }
             Self::Instances { file, row, column, values } => {
                 let value = values.first().cloned().unwrap_or_default();
                 let all = values.join(", ");
-                said(format!("{file}, row {row}: rows of several instances take turns, by the column `{column}` ({all}); read one of them with "))
+                Message::from(format!("{file}, row {row}: rows of several instances take turns, by the column `{column}` ({all}); read one of them with "))
                     .and(Remedy::Only { column: column.as_str().into(), value: value.into() })
             }
+            Self::NoTopics { file, format, notes } => Message::from(format!("{file}: {format}: no topic with numbers")).and(why(notes)),
+            Self::MappedTwice { file, channel, first, second } => {
+                Message::from(format!("{file}: column `{channel}` is mapped twice, to `{first}` and to `{second}`; give each column one new name by "))
+                    .and(Remedy::Rename)
+            }
+            Self::NameTaken { file, channel } => Message::from(format!("{file}: ")).and(Remedy::NewNames).and(format!(
+                " two columns called `{channel}`; give each column a name of its own, and map an existing `{channel}` to another name"
+            )),
+            _ => return None,
+        })
+    }
+
+    /// The message on time stamps.
+    fn on_time(&self) -> Option<Message> {
+        Some(match self {
             Self::DayOrMonth { file, row, text } => {
-                said(format!("{file}, row {row}: `{text}` may be read day first or month first; say which, `dmy` or `mdy`, with ")).and(Remedy::TimeUnit)
+                Message::from(format!("{file}, row {row}: `{text}` may be read day first or month first; say which, `dmy` or `mdy`, with ")).and(Remedy::TimeUnit)
             }
             Self::TimeUnit { file, row, unit } => {
-                said(format!("{file}, row {row}: time is in `{unit}`; convert it to seconds, or say the unit with ")).and(Remedy::TimeUnit)
+                Message::from(format!("{file}, row {row}: time is in `{unit}`; convert it to seconds, or say the unit with ")).and(Remedy::TimeUnit)
             }
-            Self::NoTopics { file, format, notes } => said(format!("{file}: {format}: no topic with numbers")).and(why(notes)),
             Self::TimeRunsBack { file, place, before_s, time_s } => {
-                let back = said(format!("{file}, {place}: channel `time` runs back from {before_s} s to {time_s} s; "));
+                let back = Message::from(format!("{file}, {place}: channel `time` runs back from {before_s} s to {time_s} s; "));
                 match place {
                     Place::Row(_) => back
                         .and("where single rows were written late, sort the rows by time; where the clock was set back or another record begins, sorting would mix the two: name the column that separates them ")
@@ -638,43 +658,43 @@ impl Remedied for LogError {
                     Place::Sample(_) => back.and("sort the samples by time, or, if they are of several records, make a log of each"),
                 }
             }
-            Self::StepTime { file, at_s, first_s, last_s, step_s } => said(format!(
+            Self::StepTime { file, at_s, first_s, last_s, step_s } => Message::from(format!(
                 "{file}: the step at {at_s} s is not at a row of the table, which reaches from {first_s} s to {last_s} s, a row every {step_s} s; give the time of a row as "
             ))
             .and(Remedy::StepTime),
-            Self::MissingInput { file, place, channel, time_s } => {
-                let fill = place.either("fill the cell, delete the row", "fill it in, leave the sample out");
-                said(format!("{file}, {place}: input `{channel}` has no sample at {time_s} s; {fill}, or choose another part of the log by "))
-                    .and(Remedy::Window)
-                    .and(" (only outputs may miss samples)")
-            }
-            Self::TooShort { file, needed, found } => {
-                said(format!("{file}: {found} samples, at least {needed} are needed; give a longer log or a wider ")).and(Remedy::Window)
-            }
-            Self::UnevenTime { file, place, time_s, deviation_samples, suggested_s } => said(format!(
+            Self::UnevenTime { file, place, time_s, deviation_samples, suggested_s } => Message::from(format!(
                 "{file}, {place}: time is uneven: the stamp {time_s} s is {deviation_samples:.3} samples from the straight \
                  line through all stamps (at most 0.05 counts as even); put the log on an even grid with "
             ))
             .and(Remedy::Resample)
             .and(", for instance ")
             .and(Remedy::ResampleAt { seconds: *suggested_s }),
-            Self::Memory { file, limit_mb } => said(format!("{file}: reading it takes more than {limit_mb} MiB of memory, the limit for a file of its size: it is damaged, or packed unusually well; lift the limit by "))
+            _ => return None,
+        })
+    }
+
+    /// The message on the samples of a log, and on their number.
+    fn on_samples(&self) -> Option<Message> {
+        Some(match self {
+            Self::MissingInput { file, place, channel, time_s } => {
+                let fill = place.either("fill the cell, delete the row", "fill it in, leave the sample out");
+                Message::from(format!("{file}, {place}: input `{channel}` has no sample at {time_s} s; {fill}, or choose another part of the log by "))
+                    .and(Remedy::Window)
+                    .and(" (only outputs may miss samples)")
+            }
+            Self::TooShort { file, needed, found } => {
+                Message::from(format!("{file}: {found} samples, at least {needed} are needed; give a longer log or a wider ")).and(Remedy::Window)
+            }
+            Self::Memory { file, limit_mb } => Message::from(format!("{file}: reading it takes more than {limit_mb} MiB of memory, the limit for a file of its size: it is damaged, or packed unusually well; lift the limit by "))
                 .and(Remedy::MaxMemory),
-            Self::EmptyWindow { file, from_s, to_s, duration_s } => said(format!("{file}: no sample from {from_s} s to {to_s} s; choose "))
+            Self::EmptyWindow { file, from_s, to_s, duration_s } => Message::from(format!("{file}: no sample from {from_s} s to {to_s} s; choose "))
                 .and(Remedy::Window)
                 .and(format!(" within 0 s to {duration_s} s, counted from the first sample")),
             Self::TooFine { file, sample_time_s, samples, duration_s } => {
-                said(format!("{file}: a sample time of {sample_time_s} s makes {samples:e} samples of {duration_s} s; give "))
+                Message::from(format!("{file}: a sample time of {sample_time_s} s makes {samples:e} samples of {duration_s} s; give "))
                     .and(Remedy::Resample)
                     .and(" a larger sample time")
             }
-            Self::MappedTwice { file, channel, first, second } => {
-                said(format!("{file}: column `{channel}` is mapped twice, to `{first}` and to `{second}`; give each column one new name by "))
-                    .and(Remedy::Rename)
-            }
-            Self::NameTaken { file, channel } => said(format!("{file}: ")).and(Remedy::NewNames).and(format!(
-                " two columns called `{channel}`; give each column a name of its own, and map an existing `{channel}` to another name"
-            )),
             _ => return None,
         })
     }

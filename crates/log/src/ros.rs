@@ -138,29 +138,12 @@ impl Definitions {
         let mut fields = Vec::new();
         for line in text.lines() {
             let line = line.split('#').next().unwrap_or_default().trim();
-            let mut words = line.split_whitespace();
-            let (Some(kind), Some(field)) = (words.next(), words.next()) else { continue };
-            // Constants.
-            if field.contains('=') || words.next().is_some_and(|w| w.starts_with('=')) {
-                continue;
-            }
-            let (kind, count) = match kind.strip_suffix(']').and_then(|k| k.rsplit_once('[')) {
-                Some((kind, "")) => (kind, Count::Any),
-                Some((kind, bound)) if bound.starts_with("<=") => (kind, Count::Any),
-                Some((kind, count)) => {
-                    (kind, Count::Fixed(count.parse().map_err(|_| format!("`{line}`"))?))
-                }
-                None => (kind, Count::One),
-            };
-            let kind = kind.split("<=").next().unwrap_or(kind);
+            let Some((kind, field)) = declared(line) else { continue };
+            let (kind, count) = counted(kind).ok_or_else(|| format!("`{line}`"))?;
             let kind = match FieldKind::of(kind) {
                 Some(kind) => kind,
                 None => {
-                    let whole = match plain(kind) {
-                        name if name == "Header" => "std_msgs/Header".to_owned(),
-                        name if name.contains('/') => name,
-                        name => format!("{package}/{name}"),
-                    };
+                    let whole = whole_name(kind, package);
                     let (place, takes) = self.message(&whole, texts, known, depth + 1)?;
                     // However many there are: only their count takes bytes.
                     if !takes && count != Count::Any {
@@ -180,6 +163,34 @@ impl Definitions {
             *message = fields;
         }
         Ok((place, takes))
+    }
+}
+
+/// The type and the name of a field in a line of a definition; `None` for a constant or an empty line.
+fn declared(line: &str) -> Option<(&str, &str)> {
+    let mut words = line.split_whitespace();
+    let (kind, field) = (words.next()?, words.next()?);
+    let constant = field.contains('=') || words.next().is_some_and(|w| w.starts_with('='));
+    (!constant).then_some((kind, field))
+}
+
+/// A type without brackets and bounds, and its count; `None` where the count is no number.
+fn counted(kind: &str) -> Option<(&str, Count)> {
+    let (kind, count) = match kind.strip_suffix(']').and_then(|k| k.rsplit_once('[')) {
+        Some((kind, "")) => (kind, Count::Any),
+        Some((kind, bound)) if bound.starts_with("<=") => (kind, Count::Any),
+        Some((kind, count)) => (kind, Count::Fixed(count.parse().ok()?)),
+        None => (kind, Count::One),
+    };
+    Some((kind.split("<=").next().unwrap_or(kind), count))
+}
+
+/// The name of a message's type with its package; `package` is that of the message that uses it.
+fn whole_name(kind: &str, package: &str) -> String {
+    match plain(kind) {
+        name if name == "Header" => "std_msgs/Header".to_owned(),
+        name if name.contains('/') => name,
+        name => format!("{package}/{name}"),
     }
 }
 

@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::f64::consts::{PI, TAU};
+use std::ops::Range;
 
 use deadtime::delay::{Job, Record, Scope, chosen, in_loop, lead};
 use deadtime::log::{Channel, Log};
@@ -236,10 +237,30 @@ const PARTS: [(&str, f64, f64); 4] = [
     ("more than 50 %", 0.5, 2.0),
 ];
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let mut arguments = std::env::args().skip(1);
-    let draws: u64 = arguments.next().map_or(Ok(100), |a| a.parse())?;
-    let first: u64 = arguments.next().map_or(Ok(3_000_000), |a| a.parse())?;
+/// Counts of open records: linear ones said to be of a loop, linear ones, bent ones said to be of a loop, bent ones, and those whose output is said to lead.
+fn open_counts(name: &str, draws: Range<u64>) -> [usize; 5] {
+    let seen: Vec<(bool, bool, bool)> = draws
+        .into_par_iter()
+        .filter_map(|seed| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let bent = rng.random_bool(0.5);
+            let (u, y) = open(name, bent, &mut rng)?;
+            let record = [Record::new(without_mean(&u), without_mean(&y))];
+            Some((bent, in_loop(&record, WINDOW, 1).closed(), lead(&record, WINDOW, 1).is_some()))
+        })
+        .collect();
+    let count = |f: &dyn Fn(&(bool, bool, bool)) -> bool| seen.iter().filter(|s| f(s)).count();
+    [
+        count(&|s| !s.0 && s.1),
+        count(&|s| !s.0),
+        count(&|s| s.0 && s.1),
+        count(&|s| s.0),
+        count(&|s| s.2),
+    ]
+}
+
+/// The table of open records, by excitation.
+fn print_open(draws: &Range<u64>) {
     println!(
         "## Open records\n\nRecords of 500 to 8000 samples without feedback that are said to be of a loop, and those whose output is said to lead, by excitation; one or"
     );
@@ -252,28 +273,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let names: Vec<&str> = EXCITATIONS.iter().map(|e| e.name).chain(["noise"]).collect();
     let mut total = [0; 5];
     for name in &names {
-        let seen: Vec<(bool, bool, bool)> = (first..first + draws)
-            .into_par_iter()
-            .filter_map(|seed| {
-                let mut rng = ChaCha8Rng::seed_from_u64(seed);
-                let bent = rng.random_bool(0.5);
-                let (u, y) = open(name, bent, &mut rng)?;
-                let record = [Record::new(without_mean(&u), without_mean(&y))];
-                Some((
-                    bent,
-                    in_loop(&record, WINDOW, 1).closed(),
-                    lead(&record, WINDOW, 1).is_some(),
-                ))
-            })
-            .collect();
-        let count = |f: &dyn Fn(&(bool, bool, bool)) -> bool| seen.iter().filter(|s| f(s)).count();
-        let row = [
-            count(&|s| !s.0 && s.1),
-            count(&|s| !s.0),
-            count(&|s| s.0 && s.1),
-            count(&|s| s.0),
-            count(&|s| s.2),
-        ];
+        let row = open_counts(name, draws.clone());
         println!(
             "| {name} | {} | {} | {} |",
             percent(row[0], row[1]),
@@ -288,6 +288,19 @@ fn main() -> Result<(), Box<dyn Error>> {
         percent(total[2], total[3]),
         percent(total[4], total[1] + total[3])
     );
+}
+
+/// The references of loops.
+const REFERENCES: [&str; 8] =
+    ["rbs", "prbs", "noise", "multisine", "chirp", "doublet", "step", "none"];
+
+/// The record of a loop, drawn by its seed.
+fn drawn_loop(seed: u64, reference: &str) -> Option<Closed> {
+    closed(reference, &mut ChaCha8Rng::seed_from_u64(seed))
+}
+
+/// The table of loops that are seen, by reference and by the noise's part of the input.
+fn print_loops(draws: &Range<u64>) {
     println!(
         "## Loops\n\nRecords of 500 to 2000 samples in which a controller makes the input from the output, within the sample or one later, and those that are said to be of a"
     );
@@ -299,14 +312,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         PARTS.map(|p| p.0).join(" | "),
         "---: | ".repeat(PARTS.len()).trim_end()
     );
-    let references = ["rbs", "prbs", "noise", "multisine", "chirp", "doublet", "step", "none"];
-    let draw = |seed: u64, reference: &str| closed(reference, &mut ChaCha8Rng::seed_from_u64(seed));
     let mut sum = [[0; 2]; 4];
-    for reference in references {
-        let seen: Vec<(f64, bool)> = (first..first + draws)
+    for reference in REFERENCES {
+        let seen: Vec<(f64, bool)> = draws
+            .clone()
             .into_par_iter()
             .filter_map(|seed| {
-                let c = draw(seed, reference)?;
+                let c = drawn_loop(seed, reference)?;
                 let record = [Record::new(without_mean(&c.u), without_mean(&c.y))];
                 Some((c.by_noise, in_loop(&record, WINDOW, 1).closed()))
             })
@@ -322,6 +334,32 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("| {reference} | {} |", row.join(" | "));
     }
     println!("| all | {} |\n", sum.map(|[found, all]| percent(found, all)).join(" | "));
+}
+
+/// Numbers of records, of verdicts and of those that hold the dead time, and the median width; for controllers that answer within the sample, or later.
+fn answers(
+    reference: &str,
+    within_sample: bool,
+    draws: Range<u64>,
+) -> (usize, usize, usize, String) {
+    let seen: Vec<Option<(bool, f64)>> = draws
+        .into_par_iter()
+        .filter_map(|seed| drawn_loop(seed, reference).filter(|c| c.at_once == within_sample))
+        .map(|c| {
+            let told = verdict(&c.u, &c.y).ok().flatten();
+            told.map(|[from, to]| ((from - 1e-9..=to + 1e-9).contains(&c.delay), to - from))
+        })
+        .collect();
+    let answers: Vec<(bool, f64)> = seen.iter().flatten().copied().collect();
+    let held = answers.iter().filter(|a| a.0).count();
+    let mut widths: Vec<f64> = answers.iter().map(|a| a.1).collect();
+    widths.sort_by(f64::total_cmp);
+    let width = widths.get(widths.len() / 2).map_or("–".to_owned(), |w| format!("{w:.1}"));
+    (seen.len(), answers.len(), held, width)
+}
+
+/// The table of verdicts in loops.
+fn print_verdicts(draws: &Range<u64>) {
     println!(
         "## Verdicts in a loop\n\nThe same draws (a quarter of them): records that get a verdict, those of them whose interval holds the dead time, and its median width, samples.\n"
     );
@@ -329,30 +367,26 @@ fn main() -> Result<(), Box<dyn Error>> {
         "| reference | the controller answers | answered | holds | width |\n| --- | --- | ---: | ---: | ---: |"
     );
     let mut all = [0; 3];
-    for reference in references {
+    for reference in REFERENCES {
         for (when, wanted) in [("within the sample", true), ("a sample later", false)] {
-            let seen: Vec<Option<(bool, f64)>> = (first..first + draws.div_ceil(4))
-                .into_par_iter()
-                .filter_map(|seed| draw(seed, reference).filter(|c| c.at_once == wanted))
-                .map(|c| {
-                    let told = verdict(&c.u, &c.y).ok().flatten();
-                    told.map(|[from, to]| ((from - 1e-9..=to + 1e-9).contains(&c.delay), to - from))
-                })
-                .collect();
-            let answers: Vec<(bool, f64)> = seen.iter().flatten().copied().collect();
-            let held = answers.iter().filter(|a| a.0).count();
-            let mut widths: Vec<f64> = answers.iter().map(|a| a.1).collect();
-            widths.sort_by(f64::total_cmp);
-            let width =
-                widths.get(widths.len() / 2).map_or("–".to_owned(), |w| format!("{w:.1}"));
+            let (drawn, answered, held, width) = answers(reference, wanted, draws.clone());
             println!(
                 "| {reference} | {when} | {} | {} | {width} |",
-                percent(answers.len(), seen.len()),
-                percent(held, answers.len())
+                percent(answered, drawn),
+                percent(held, answered)
             );
-            all = [all[0] + seen.len(), all[1] + answers.len(), all[2] + held];
+            all = [all[0] + drawn, all[1] + answered, all[2] + held];
         }
     }
     println!("| all | | {} | {} | |", percent(all[1], all[0]), percent(all[2], all[1]));
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let draws: u64 = arguments.next().map_or(Ok(100), |a| a.parse())?;
+    let first: u64 = arguments.next().map_or(Ok(3_000_000), |a| a.parse())?;
+    print_open(&(first..first + draws));
+    print_loops(&(first..first + draws));
+    print_verdicts(&(first..first + draws.div_ceil(4)));
     Ok(())
 }

@@ -210,6 +210,51 @@ struct Told {
     open: usize,
 }
 
+impl Told {
+    /// What these matches said of the parameter of this name and true value.
+    fn of<'a>(name: &str, truth: f64, matches: impl Iterator<Item = &'a Matched>) -> Self {
+        let mut told = Self::default();
+        for found in matches {
+            let Some(p) = found.parameters.iter().find(|p| p.name == name) else {
+                continue;
+            };
+            told.values.push(p.value);
+            told.stds.push(p.std.unwrap_or(f64::NAN));
+            told.held +=
+                usize::from(p.interval.is_some_and(|[from, to]| from <= truth && truth <= to));
+            told.open += usize::from(p.standing == Standing::Open);
+        }
+        told
+    }
+
+    /// The parameter's row of the table.
+    fn print(&self, name: &str, truth: f64) {
+        let count = self.values.len() as f64;
+        let mean = self.values.iter().sum::<f64>() / count;
+        let spread = (self.values.iter().map(|v| (v - mean).powi(2)).sum::<f64>()
+            / (count - 1.0).max(1.0))
+        .sqrt();
+        let mut stds = self.stds.clone();
+        stds.sort_by(f64::total_cmp);
+        let typical = stds[stds.len() / 2];
+        let size = |v: f64| {
+            if truth == 0.0 {
+                format!("{v:.4}")
+            } else {
+                format!("{:.2} %", 100.0 * v / truth.abs())
+            }
+        };
+        println!(
+            "| {name} | {truth} | {} | {} | {} | {:.0} % | {:.0} % |",
+            size(mean - truth),
+            size(spread),
+            size(typical),
+            100.0 * self.held as f64 / count,
+            100.0 * self.open as f64 / count
+        );
+    }
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let mut words = std::env::args().skip(1);
     let trials: u64 = words.next().map_or(Ok(100), |w| w.parse())?;
@@ -227,18 +272,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             (first..first + trials).into_par_iter().map(run).collect();
         for (at, table) in tables.iter_mut().enumerate() {
             for (name, truth) in craft.parameters {
-                let mut told = Told::default();
-                for found in all.iter().flatten().filter_map(|a| a.get(at)) {
-                    let Some(p) = found.parameters.iter().find(|p| p.name == *name) else {
-                        continue;
-                    };
-                    told.values.push(p.value);
-                    told.stds.push(p.std.unwrap_or(f64::NAN));
-                    told.held += usize::from(
-                        p.interval.is_some_and(|[from, to]| from <= *truth && *truth <= to),
-                    );
-                    told.open += usize::from(p.standing == Standing::Open);
-                }
+                let told = Told::of(name, *truth, all.iter().flatten().filter_map(|a| a.get(at)));
                 if !told.values.is_empty() {
                     table.push((name, *truth, told));
                 }
@@ -267,29 +301,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         );
         println!("| --- | ---: | ---: | ---: | ---: | ---: | ---: |");
         for (name, truth, told) in table {
-            let count = told.values.len() as f64;
-            let mean = told.values.iter().sum::<f64>() / count;
-            let spread = (told.values.iter().map(|v| (v - mean).powi(2)).sum::<f64>()
-                / (count - 1.0).max(1.0))
-            .sqrt();
-            let mut stds = told.stds.clone();
-            stds.sort_by(f64::total_cmp);
-            let typical = stds[stds.len() / 2];
-            let size = |v: f64| {
-                if *truth == 0.0 {
-                    format!("{v:.4}")
-                } else {
-                    format!("{:.2} %", 100.0 * v / truth.abs())
-                }
-            };
-            println!(
-                "| {name} | {truth} | {} | {} | {} | {:.0} % | {:.0} % |",
-                size(mean - truth),
-                size(spread),
-                size(typical),
-                100.0 * told.held as f64 / count,
-                100.0 * told.open as f64 / count
-            );
+            told.print(name, *truth);
         }
         println!();
     }

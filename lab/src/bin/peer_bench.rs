@@ -67,14 +67,23 @@ fn by_rows(m: &DMatrix<f64>) -> Vec<f64> {
     m.transpose().as_slice().to_vec()
 }
 
+/// A computation whose data is in memory.
+type Task = Box<dyn Fn() -> Answer>;
+
 /// The computation of a request, its data already in memory.
-fn task(request: &Request) -> Result<Box<dyn Fn() -> Answer>, Box<dyn Error>> {
+fn task(request: &Request) -> Result<Task, Box<dyn Error>> {
+    for tasks in [of_models, of_records, of_files] {
+        if let Some(task) = tasks(request)? {
+            return Ok(task);
+        }
+    }
+    Err(format!("there is no task `{}`", request.task).into())
+}
+
+/// Computations on models.
+fn of_models(request: &Request) -> Result<Option<Task>, Box<dyn Error>> {
     let sample_time = || SampleTime::new(request.ts);
-    let records = || -> Result<_, Box<dyn Error>> {
-        Ok([Record::new(signal(&request.u)?, signal(&request.y)?)])
-    };
-    let (max_delay, taps) = (request.max_delay, request.taps);
-    Ok(match request.task.as_str() {
+    Ok(Some(match request.task.as_str() {
         "c2d" => {
             let [a, b, c, d] = [&request.a, &request.b, &request.c, &request.d].map(|m| matrix(m));
             let (sys, ts) = (StateSpace::continuous(a, b, c, d)?, sample_time()?);
@@ -94,6 +103,17 @@ fn task(request: &Request) -> Result<Box<dyn Fn() -> Answer>, Box<dyn Error>> {
             let options = Options { hold: request.hold, ..Options::default() };
             Box::new(move || Ok(lsim(&sys, &u, ts, &options)?.y.data.into()))
         }
+        _ => return Ok(None),
+    }))
+}
+
+/// Estimates from one record.
+fn of_records(request: &Request) -> Result<Option<Task>, Box<dyn Error>> {
+    let records = || -> Result<_, Box<dyn Error>> {
+        Ok([Record::new(signal(&request.u)?, signal(&request.y)?)])
+    };
+    let (max_delay, taps) = (request.max_delay, request.taps);
+    Ok(Some(match request.task.as_str() {
         "arx" => {
             let records = records()?;
             Box::new(move || Ok(arx_scan(&records, 10, 5, max_delay).loss))
@@ -121,6 +141,13 @@ fn task(request: &Request) -> Result<Box<dyn Fn() -> Answer>, Box<dyn Error>> {
                     .collect())
             })
         }
+        _ => return Ok(None),
+    }))
+}
+
+/// Readings of files.
+fn of_files(request: &Request) -> Result<Option<Task>, Box<dyn Error>> {
+    Ok(Some(match request.task.as_str() {
         "csv" => {
             let path = std::path::PathBuf::from(&request.u);
             // The sum of every channel: all of it was read.
@@ -139,8 +166,8 @@ fn task(request: &Request) -> Result<Box<dyn Fn() -> Answer>, Box<dyn Error>> {
                 Ok(recording.topics.iter().map(sum).collect())
             })
         }
-        other => return Err(format!("there is no task `{other}`").into()),
-    })
+        _ => return Ok(None),
+    }))
 }
 
 fn main() -> Result<(), Box<dyn Error>> {

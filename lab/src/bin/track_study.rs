@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::error::Error;
+use std::ops::Range;
 
 use deadtime::delay::track::{Alarm, Tracker, TrackerOptions, Watch};
 use deadtime::delay::{Job, Record, Scope, Search, chosen};
@@ -234,15 +235,40 @@ fn bands(draws: u64, first: u64, cases: &[(usize, usize)]) -> Result<(), Box<dyn
     Ok(())
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let mut arguments = std::env::args().skip(1);
-    let draws: u64 = arguments.next().map_or(Ok(10), |a| a.parse())?;
-    let first: u64 = arguments.next().map_or(Ok(1_000_000), |a| a.parse())?;
-    let cases: Vec<(usize, usize)> =
-        (0..PLANTS).flat_map(|p| (0..COLOURS).map(move |c| (p, c))).collect();
-    let rng = |seed: u64, case: (usize, usize)| {
-        ChaCha8Rng::seed_from_u64(1000 * seed + 10 * case.0 as u64 + case.1 as u64)
-    };
+/// The random numbers of a draw.
+fn random(seed: u64, case: (usize, usize)) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(1000 * seed + 10 * case.0 as u64 + case.1 as u64)
+}
+
+/// Counts of delays that stand: records, records said to change, runs, runs with an alarm, and runs in which nothing was learnt.
+fn standing_counts(
+    name: &str,
+    seeds: Range<u64>,
+    cases: &[(usize, usize)],
+) -> Result<[usize; 5], Box<dyn Error>> {
+    let mut count = [0; 5];
+    for seed in seeds {
+        for &case in cases {
+            for snr in [10.0, 100.0, 1e4] {
+                let mut rng = random(seed, case);
+                if let Some((u, y, _)) = draw(name, RECORD, case, snr, 0.0, 0.0, &mut rng) {
+                    count[0] += 1;
+                    count[1] += usize::from(first_change(&u, &y).is_some());
+                }
+                if let Some((u, y, _)) = draw(name, RUN, case, snr, 0.0, 0.0, &mut rng) {
+                    let (found, learnt) = alarms(&u, &y)?;
+                    count[2] += 1;
+                    count[3] += usize::from(!found.is_empty());
+                    count[4] += usize::from(!learnt);
+                }
+            }
+        }
+    }
+    Ok(count)
+}
+
+/// The table of delays that stand, by excitation.
+fn standing(seeds: &Range<u64>, cases: &[(usize, usize)]) -> Result<(), Box<dyn Error>> {
     println!(
         "## A delay that stands\n\nRecords of {RECORD} samples said to have a delay that changes, and runs of {RUN} samples with an alarm (of a delay or of a response that"
     );
@@ -254,25 +280,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     let mut total = [0; 4];
     for entry in EXCITATIONS {
-        let mut count = [0; 5];
-        for seed in first..first + draws {
-            for &case in &cases {
-                for snr in [10.0, 100.0, 1e4] {
-                    let mut rng = rng(seed, case);
-                    if let Some((u, y, _)) = draw(entry.name, RECORD, case, snr, 0.0, 0.0, &mut rng)
-                    {
-                        count[0] += 1;
-                        count[1] += usize::from(first_change(&u, &y).is_some());
-                    }
-                    if let Some((u, y, _)) = draw(entry.name, RUN, case, snr, 0.0, 0.0, &mut rng) {
-                        let (found, learnt) = alarms(&u, &y)?;
-                        count[2] += 1;
-                        count[3] += usize::from(!found.is_empty());
-                        count[4] += usize::from(!learnt);
-                    }
-                }
-            }
-        }
+        let count = standing_counts(entry.name, seeds.clone(), cases)?;
         println!(
             "| {} | {} | {} | {} |",
             entry.name,
@@ -283,6 +291,87 @@ fn main() -> Result<(), Box<dyn Error>> {
         total.iter_mut().zip(count).for_each(|(t, c)| *t += c);
     }
     println!("| all | {} | {} | |\n", percent(total[1], total[0]), percent(total[3], total[2]));
+    Ok(())
+}
+
+/// A second, samples.
+const SECOND: f64 = 1.0 / TS;
+
+/// The results for delays that jump.
+#[derive(Default)]
+struct Jumps {
+    /// Records, jumps seen in them, runs, and alarms in time.
+    count: [usize; 4],
+    /// Distances in time of the jumps seen in records, samples.
+    off: Vec<f64>,
+    /// Waits for the alarms, samples.
+    wait: Vec<f64>,
+}
+
+impl Jumps {
+    /// Adds a record whose delay jumps at `at` by `by`.
+    fn add_record(&mut self, (u, y, by): &(Vec<f64>, Vec<f64>, f64), at: f64) {
+        self.count[0] += 1;
+        if let Some((when, _)) = first_change(u, y)
+            .filter(|(when, change)| (when - at).abs() <= SECOND && (change - by).abs() <= 2.0)
+        {
+            self.count[1] += 1;
+            self.off.push((when - at).abs());
+        }
+    }
+
+    /// Adds a machine that runs and whose delay jumps at `at` by `by`.
+    fn add_run(
+        &mut self,
+        (u, y, by): &(Vec<f64>, Vec<f64>, f64),
+        at: f64,
+    ) -> Result<(), Box<dyn Error>> {
+        self.count[2] += 1;
+        let (found, _) = alarms(u, y)?;
+        let after = found
+            .iter()
+            .find(|(k, _)| *k as f64 >= at)
+            .filter(|(k, change)| *k as f64 <= at + SECOND && (change - by).abs() <= 2.0);
+        if let Some((k, _)) = after {
+            self.count[3] += 1;
+            self.wait.push(*k as f64 - at);
+        }
+        Ok(())
+    }
+}
+
+/// Records and runs of one excitation whose delay jumps by this number of samples.
+fn jumps(
+    name: &str,
+    jump: f64,
+    seeds: Range<u64>,
+    cases: &[(usize, usize)],
+) -> Result<Jumps, Box<dyn Error>> {
+    let mut found = Jumps::default();
+    for seed in seeds {
+        for &case in cases {
+            let mut rng = random(seed, case);
+            let at = RECORD as f64 * rng.random_range(0.3..0.7);
+            if let Some(drawn) = draw(name, RECORD, case, 10.0, jump, at, &mut rng) {
+                found.add_record(&drawn, at);
+            }
+            let at = RUN as f64 * rng.random_range(0.5..0.7);
+            if let Some(drawn) = draw(name, RUN, case, 10.0, jump, at, &mut rng) {
+                found.add_run(&drawn, at)?;
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The median of a list, in words.
+fn middle(mut list: Vec<f64>) -> String {
+    list.sort_by(f64::total_cmp);
+    list.get(list.len() / 2).map_or("–".to_owned(), |m| format!("{m:.0}"))
+}
+
+/// The table of delays that jump, by excitation and size.
+fn jumping(seeds: &Range<u64>, cases: &[(usize, usize)]) -> Result<(), Box<dyn Error>> {
     println!(
         "## A delay that jumps\n\nAt a signal-to-noise ratio of 10 and a sample time of {TS} s: jumps that are seen at the right time to within a second and by the right amount to within"
     );
@@ -292,53 +381,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!(
         "| excitation | jump (samples) | record | off (samples) | run | wait (samples) |\n| --- | ---: | ---: | ---: | ---: | ---: |"
     );
-    let second = 1.0 / TS;
     let mut rich = [0; 4];
     for entry in EXCITATIONS {
         for jump in [2.0, 3.0, 5.0, 10.0] {
-            let (mut count, mut off, mut wait) = ([0; 4], Vec::new(), Vec::new());
-            for seed in first..first + draws {
-                for &case in &cases {
-                    let mut rng = rng(seed, case);
-                    let at = RECORD as f64 * rng.random_range(0.3..0.7);
-                    if let Some((u, y, by)) =
-                        draw(entry.name, RECORD, case, 10.0, jump, at, &mut rng)
-                    {
-                        count[0] += 1;
-                        if let Some((when, _)) = first_change(&u, &y).filter(|(when, change)| {
-                            (when - at).abs() <= second && (change - by).abs() <= 2.0
-                        }) {
-                            count[1] += 1;
-                            off.push((when - at).abs());
-                        }
-                    }
-                    let at = RUN as f64 * rng.random_range(0.5..0.7);
-                    if let Some((u, y, by)) = draw(entry.name, RUN, case, 10.0, jump, at, &mut rng)
-                    {
-                        count[2] += 1;
-                        let (found, _) = alarms(&u, &y)?;
-                        let after =
-                            found.iter().find(|(k, _)| *k as f64 >= at).filter(|(k, change)| {
-                                *k as f64 <= at + second && (change - by).abs() <= 2.0
-                            });
-                        if let Some((k, _)) = after {
-                            count[3] += 1;
-                            wait.push(*k as f64 - at);
-                        }
-                    }
-                }
-            }
-            let middle = |v: &mut Vec<f64>| {
-                v.sort_by(f64::total_cmp);
-                v.get(v.len() / 2).map_or("–".to_owned(), |m| format!("{m:.0}"))
-            };
+            let Jumps { count, off, wait } = jumps(entry.name, jump, seeds.clone(), cases)?;
             println!(
                 "| {} | {jump} | {} | {} | {} | {} |",
                 entry.name,
                 percent(count[1], count[0]),
-                middle(&mut off),
+                middle(off),
                 percent(count[3], count[2]),
-                middle(&mut wait)
+                middle(wait)
             );
             if ["rbs", "prbs"].contains(&entry.name) {
                 rich.iter_mut().zip(count).for_each(|(t, c)| *t += c);
@@ -350,5 +403,16 @@ fn main() -> Result<(), Box<dyn Error>> {
         percent(rich[1], rich[0]),
         percent(rich[3], rich[2])
     );
+    Ok(())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let draws: u64 = arguments.next().map_or(Ok(10), |a| a.parse())?;
+    let first: u64 = arguments.next().map_or(Ok(1_000_000), |a| a.parse())?;
+    let cases: Vec<(usize, usize)> =
+        (0..PLANTS).flat_map(|p| (0..COLOURS).map(move |c| (p, c))).collect();
+    standing(&(first..first + draws), &cases)?;
+    jumping(&(first..first + draws), &cases)?;
     bands(draws.div_ceil(10), first, &cases)
 }

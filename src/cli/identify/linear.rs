@@ -98,16 +98,8 @@ impl Linear {
         to: &Out<'_>,
     ) -> anyhow::Result<()> {
         let logs = self.read(reading, to, &common.logs)?;
-        let of = |logs: &[Log]| Recordings::from_logs(logs, &self.input, &self.output);
-        let all = of(&logs)?;
-        let (learnt, judged, held_out) = if common.holdout.is_empty() {
-            let (learnt, judged) = all.split(LEARNT);
-            (learnt, judged, format!("the last {:.0} % of each record", 100.0 * (1.0 - LEARNT)))
-        } else {
-            let judged = of(&self.read(reading, to, &common.holdout)?)?;
-            all.sample_time.must_equal(judged.sample_time).context("--holdout")?;
-            (all.clone(), judged, names(&common.holdout).join(", "))
-        };
+        let all = Recordings::from_logs(&logs, &self.input, &self.output)?;
+        let (learnt, judged, held_out) = self.shares(&all, (common, reading), to)?;
         let bar = Bar::new(to);
         let own_holdout = !common.holdout.is_empty();
         let chosen = self.choice(&all, &logs, bar.far())?;
@@ -160,6 +152,24 @@ impl Linear {
             None => say!(to, "\nNo model file was written: give --out MODEL.toml."),
         }
         Ok(())
+    }
+
+    /// The records to identify from, those to judge on, and the words on the latter.
+    fn shares(
+        &self,
+        all: &Recordings,
+        (common, reading): (&Common, &Reading),
+        to: &Out<'_>,
+    ) -> anyhow::Result<(Recordings, Recordings, String)> {
+        if common.holdout.is_empty() {
+            let (learnt, judged) = all.split(LEARNT);
+            let last = format!("the last {:.0} % of each record", 100.0 * (1.0 - LEARNT));
+            return Ok((learnt, judged, last));
+        }
+        let logs = self.read(reading, to, &common.holdout)?;
+        let judged = Recordings::from_logs(&logs, &self.input, &self.output)?;
+        all.sample_time.must_equal(judged.sample_time).context("--holdout")?;
+        Ok((all.clone(), judged, names(&common.holdout).join(", ")))
     }
 
     /// The method that was named; else the simplest that the best does not outdo.

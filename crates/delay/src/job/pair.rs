@@ -100,8 +100,8 @@ impl OnePair<'_, '_> {
         }
         self.far
             .at(ANSWERED, &format_args!("whether the delay of {output} behind {input} changes"));
-        let looked_for = self.job.feedback == Feedback::Auto;
-        let held = if closed && looked_for { held_for(&records) } else { 1 };
+        let held =
+            if closed && self.job.feedback == Feedback::Auto { held_for(&records) } else { 1 };
         let facts = RecordFacts {
             early_s: self.job.early_s().max(ts.to_seconds(held as f64 - 1.0)),
             direct: self.seen.looped.direct,
@@ -123,24 +123,39 @@ impl OnePair<'_, '_> {
         if self.job.early_s() == 0.0 {
             pair.standing_off = standing_off(&records);
         }
+        self.conclude(&mut pair, &search, &records, facts)?;
+        self.far.at(1.0, &format_args!("{input} and {output} done"));
+        Ok(Estimated::Pair(Box::new(pair)))
+    }
+
+    /// Withdraws the verdict where the output leads the input, or where both are tied; else tests whether the delay changes.
+    fn conclude(
+        &self,
+        pair: &mut Pair,
+        search: &Search,
+        records: &[Record<'_>],
+        facts: RecordFacts,
+    ) -> Result<()> {
+        let (input, output) = (self.input(), self.output());
+        let looked_for = self.job.feedback == Feedback::Auto;
         let leads =
-            looked_for.then(|| lead(&records, search.max_delay, search.bias(0, 0))).flatten();
+            looked_for.then(|| lead(records, search.max_delay, search.bias(0, 0))).flatten();
         // Interpolation makes an output lead by one sample.
         let ahead = self.seen.looped.ahead && self.job.early_s() == 0.0;
         // So does a delay that moves, to a model of one delay.
-        let ahead = ahead && watched::stands(self.seen.alone(), &search)?;
+        let ahead = ahead && watched::stands(self.seen.alone(), search)?;
         if self.seen.looped.tied {
             pair.verdict = Verdict::none(tied_note(input, output));
         } else if let Some(samples) = leads {
+            let ts = self.seen.one.sample_time();
             pair.verdict = Verdict::none(lead_note(input, output, samples, ts));
         } else if ahead {
             pair.verdict = Verdict::none(ahead_note(input, output));
         } else {
             let asked = watched::Wanted { track: self.job.track, facts };
-            watched::tell(&mut pair, self.seen.alone(), &search, self.methods, &asked)?;
+            watched::tell(pair, self.seen.alone(), search, self.methods, &asked)?;
         }
-        self.far.at(1.0, &format_args!("{input} and {output} done"));
-        Ok(Estimated::Pair(Box::new(pair)))
+        Ok(())
     }
 
     /// Adds the record's evidence to the verdict of the methods; `held`: the samples for which an input under feedback is held.

@@ -142,12 +142,7 @@ impl ProcessOptions {
             ));
         };
         let spread = Spread::of(self, structure, step, &solved, covariance);
-        let units = ProcessUnits {
-            input: used.inputs[0].unit.as_deref(),
-            output: used.outputs[0].unit.as_deref(),
-            integrates: structure.integrates,
-        };
-        let parameters = spread.parameters(&units, scales.inputs[0].0);
+        let parameters = spread.parameters(&used, scales.inputs[0].0);
         let nominal = (spread.best.system(structure))
             .ok_or_else(|| failed("its numbers make no model; take a smaller model"))?;
         let (model, delays) = sampled(&nominal, step)
@@ -155,15 +150,7 @@ impl ProcessOptions {
         let draws = spread.models();
         let complex = spread.best.is_complex();
         let mut notes: Vec<String> = said.into_iter().chain(solved.notes.iter().cloned()).collect();
-        if longest > LONGEST {
-            notes.push(format!("the first {LONGEST} samples of each record are used"));
-        }
-        if 1.0 + noise.iter().sum::<f64>() < DRIFTS {
-            notes.push(
-                "the residual drifts: a disturbance that the intervals do not include; p0di or p1di may suit, or shorter records"
-                    .to_owned(),
-            );
-        }
+        notes.extend(caveats(longest, noise));
         let guesses =
             if structure.integrates { Vec::new() } else { guesses(&records, step, max_delay) };
         Ok(Identified {
@@ -350,6 +337,21 @@ impl ProcessOptions {
     }
 }
 
+/// Notes on records longer than [`LONGEST`], and on a residual that drifts.
+fn caveats(longest: usize, noise: &[f64]) -> Vec<String> {
+    let mut notes = Vec::new();
+    if longest > LONGEST {
+        notes.push(format!("the first {LONGEST} samples of each record are used"));
+    }
+    if 1.0 + noise.iter().sum::<f64>() < DRIFTS {
+        notes.push(
+            "the residual drifts: a disturbance that the intervals do not include; p0di or p1di may suit, or shorter records"
+                .to_owned(),
+        );
+    }
+    notes
+}
+
 /// The first samples of every stretch, as records.
 fn heads(used: &Recordings) -> Vec<Record<'static>> {
     let row = |m: &DMatrix<f64>| m.row(0).iter().take(LONGEST).copied().collect::<Vec<f64>>();
@@ -404,8 +406,13 @@ impl<'a> Spread<'a> {
     }
 
     /// Every parameter with its spread; `mean` is the operating input.
-    fn parameters(&self, units: &ProcessUnits<'_>, mean: f64) -> Vec<Parameter> {
+    fn parameters(&self, used: &Recordings, mean: f64) -> Vec<Parameter> {
         let Self { structure, best, wider, .. } = self;
+        let units = ProcessUnits {
+            input: used.inputs[0].unit.as_deref(),
+            output: used.outputs[0].unit.as_deref(),
+            integrates: structure.integrates,
+        };
         let complex = best.is_complex();
         let list = |n: &Numbers| n.list(*structure, complex);
         let drawn: Vec<Vec<f64>> = self

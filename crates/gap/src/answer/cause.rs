@@ -46,27 +46,9 @@ pub(crate) fn cause(
         .filter(is_named)
         .collect();
     let ranking = ranking(composed, (found, named.as_ref()), &classes, after);
-    let singly: Vec<String> = composed
-        .singly()
-        .into_iter()
-        .filter_map(|at| Some(composed.hypothesis.as_ref()?.effects[at].key()))
-        .collect();
-    let alike: Vec<&EffectClass> = composed
-        .classes
-        .iter()
-        .filter(|class| judged.found.is_some() && class.aliases().next().is_some())
-        .filter(|class| singly.contains(&class.effect.key()))
-        .collect();
+    let alike = alias_classes(composed);
     let next_experiment = match (alike.first(), judged.best.as_ref()) {
-        (Some(class), Some(best)) => {
-            let members: Vec<Applied> =
-                std::iter::once(&class.effect).chain(class.aliases()).cloned().collect();
-            let replaced = |a: &Applied| {
-                if a.key() == members[0].key() { members[1].clone() } else { a.clone() }
-            };
-            let rival: Vec<Applied> = best.effects.iter().map(replaced).collect();
-            Some(experiment(likelihood, scales, &members, &best.effects, &rival))
-        }
+        (Some(class), Some(best)) => Some(separating(likelihood, scales, class, best)),
         _ => (!sensitivities.is_empty()).then(|| experiment::of_starts(sensitivities)),
     };
     let keys = |class: &&EffectClass| {
@@ -95,6 +77,36 @@ pub(crate) fn cause(
         remainder: None,
     };
     (cause, next_experiment)
+}
+
+/// The classes with aliases among the effects of the verdict that have a share of their own.
+fn alias_classes(composed: &ActiveCauses) -> Vec<&EffectClass> {
+    let singly: Vec<String> = composed
+        .singly()
+        .into_iter()
+        .filter_map(|at| Some(composed.hypothesis.as_ref()?.effects[at].key()))
+        .collect();
+    composed
+        .classes
+        .iter()
+        .filter(|class| composed.judged.found.is_some() && class.aliases().next().is_some())
+        .filter(|class| singly.contains(&class.effect.key()))
+        .collect()
+}
+
+/// The experiment that separates an effect of the best hypothesis from its first alias.
+fn separating(
+    likelihood: &Likelihood<'_>,
+    scales: &Scales,
+    class: &EffectClass,
+    best: &Hypothesis,
+) -> NextExperiment {
+    let members: Vec<Applied> =
+        std::iter::once(&class.effect).chain(class.aliases()).cloned().collect();
+    let replaced =
+        |a: &Applied| if a.key() == members[0].key() { members[1].clone() } else { a.clone() };
+    let rival: Vec<Applied> = best.effects.iter().map(replaced).collect();
+    experiment(likelihood, scales, &members, &best.effects, &rival)
 }
 
 /// The shares of the probability of the rows of the ranking.

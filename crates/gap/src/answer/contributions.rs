@@ -80,20 +80,70 @@ impl Squares {
     }
 }
 
+/// The squared errors on the training logs, on the held-out data, and per block of the latter.
+struct BudgetSquares {
+    learnt: Squares,
+    held: Squares,
+    blocks: Vec<Vec<f64>>,
+    seed: u64,
+}
+
+impl BudgetSquares {
+    /// A number of the squared errors, on both data and with its interval.
+    fn share(&self, number: impl Fn(&Squares) -> Option<f64>) -> Share {
+        let of_sums = |sums: &[f64]| number(&Squares::of(sums)).unwrap_or(f64::NAN);
+        Share {
+            learnt: number(&self.learnt),
+            held_out: number(&self.held),
+            ci95: number(&self.held).and_then(|_| bootstrap(&self.blocks, self.seed, of_sums)),
+        }
+    }
+}
+
 impl GapBudget<'_, '_> {
     /// Contributions, largest first, the joint recalibration of the model's parameters, and the remainder.
     pub(crate) fn sections(
         &self,
         estimate: Option<&Estimate>,
     ) -> (Vec<Contribution>, Recalibration, Remainder) {
+        let squares = self.squares();
+        let found: Vec<FoundEffect> = self
+            .composed
+            .hypothesis
+            .iter()
+            .flat_map(|e| found_effects(self.likelihood, e, estimate))
+            .collect();
+        let singly = self.composed.singly();
+        let contributions: Vec<Contribution> = singly
+            .iter()
+            .enumerate()
+            .map(|(part, &at)| {
+                self.contribution((part, at), &found[at], squares.share(|s| s.share(part)))
+            })
+            .collect();
+        let recalibration = match self.composed.recalibration {
+            None => Recalibration::default(),
+            Some(size) => {
+                self.recalibration(size, &found, squares.share(|s| s.share(singly.len())))
+            }
+        };
+        let left = squares.share(|s| Some(1.0 - s.together()?));
+        let complete = self.composed.judged.verdict == GapVerdict::Effects;
+        let named = |c: &Contribution| {
+            c.strength == Strength::Clear || c.share.learnt.is_none_or(|share| share >= NAMED)
+        };
+        let contributions = contributions
+            .into_iter()
+            .enumerate()
+            .filter_map(|(at, c)| ((at == 0 && complete) || named(&c)).then_some(c))
+            .collect();
+        (contributions, recalibration, self.remainder(left, &squares.learnt))
+    }
+
+    /// The squared errors with all effects, without each, and of the floor.
+    fn squares(&self) -> BudgetSquares {
         let taken_out: Vec<Option<Vec<DMatrix<f64>>>> =
             self.composed.taken_out.iter().map(|e| residuals(self.likelihood, e)).collect();
-        let without: Vec<Option<Vec<DMatrix<f64>>>> = self
-            .composed
-            .without
-            .iter()
-            .map(|e| e.as_ref().and_then(|e| residuals(self.likelihood, e)))
-            .collect();
         // A set that cannot be simulated without an effect has the error of the nominal model.
         let all: Vec<&[DMatrix<f64>]> = [self.before, self.after]
             .into_iter()
@@ -110,65 +160,52 @@ impl GapBudget<'_, '_> {
             sums.push(square(&errors(self.before).relative(floor)));
             Squares::of(&sums)
         };
-        let (learnt, held) = (squares(false), squares(true));
-        let blocks = held_out_blocks(self.likelihood, self.held, &all, floor);
-        let interval = |number: &dyn Fn(&Squares) -> Option<f64>| {
-            bootstrap(&blocks, self.seed, |sums| number(&Squares::of(sums)).unwrap_or(f64::NAN))
-        };
-        let share = |number: &dyn Fn(&Squares) -> Option<f64>| Share {
-            learnt: number(&learnt),
-            held_out: number(&held),
-            ci95: number(&held).and_then(|_| interval(number)),
-        };
-        let found: Vec<FoundEffect> = self
-            .composed
-            .hypothesis
-            .iter()
-            .flat_map(|e| found_effects(self.likelihood, e, estimate))
-            .collect();
-        let contribution = |(part, at): (usize, usize)| Contribution {
-            effect: found[at].effect.clone(),
-            channel: found[at].channel.clone(),
-            parameters: found[at].parameters.clone(),
+        BudgetSquares {
+            learnt: squares(false),
+            held: squares(true),
+            blocks: held_out_blocks(self.likelihood, self.held, &all, floor),
+            seed: self.seed,
+        }
+    }
+
+    /// The contribution of one effect, at its places among the parts of the budget and among all effects.
+    fn contribution(
+        &self,
+        (part, at): (usize, usize),
+        found: &FoundEffect,
+        share: Share,
+    ) -> Contribution {
+        let without =
+            self.composed.without[part].as_ref().and_then(|e| residuals(self.likelihood, e));
+        Contribution {
+            effect: found.effect.clone(),
+            channel: found.channel.clone(),
+            parameters: found.parameters.clone(),
             probability: None,
-            strength: self.strength(without[part].as_deref().unwrap_or(self.before)),
-            share: share(&|s: &Squares| s.share(part)),
-            without_it: without[part]
+            strength: self.strength(without.as_deref().unwrap_or(self.before)),
+            share,
+            without_it: without
                 .as_ref()
                 .and_then(|r| overall(&Errors::trained(self.likelihood.records, r).nrmse())),
-            class: self.composed.aliases(&format!("{}:{}", found[at].effect, found[at].channel)),
+            class: self.composed.aliases(&format!("{}:{}", found.effect, found.channel)),
             surrogate: self.composed.hypothesis.as_ref().is_some_and(|e| self.is_surrogate(e, at)),
+        }
+    }
+
+    /// The joint recalibration of the model's parameters by errors of a relative size.
+    fn recalibration(&self, size: f64, found: &[FoundEffect], share: Share) -> Recalibration {
+        let numbers = self.composed.block();
+        let named = |at: &usize| FoundParameter {
+            name: found[*at].channel.clone(),
+            ..found[*at].parameters[0].clone()
         };
-        let contributions: Vec<Contribution> =
-            self.composed.singly().into_iter().enumerate().map(contribution).collect();
-        let recalibration = match self.composed.recalibration {
-            None => Recalibration::default(),
-            Some(size) => {
-                let numbers = self.composed.block();
-                let named = |at: &usize| FoundParameter {
-                    name: found[*at].channel.clone(),
-                    ..found[*at].parameters[0].clone()
-                };
-                Recalibration {
-                    accepted: true,
-                    size,
-                    share: share(&|s: &Squares| s.share(contributions.len())),
-                    parameters: numbers.iter().map(named).collect(),
-                    directions: self.directions(&numbers),
-                }
-            }
-        };
-        let left = share(&|s: &Squares| Some(1.0 - s.together()?));
-        let complete = self.composed.judged.verdict == GapVerdict::Effects;
-        let named = |c: &Contribution| {
-            c.strength == Strength::Clear || c.share.learnt.is_none_or(|share| share >= NAMED)
-        };
-        let contributions = contributions
-            .into_iter()
-            .enumerate()
-            .filter_map(|(at, c)| ((at == 0 && complete) || named(&c)).then_some(c))
-            .collect();
-        (contributions, recalibration, self.remainder(left, &learnt))
+        Recalibration {
+            accepted: true,
+            size,
+            share,
+            parameters: numbers.iter().map(named).collect(),
+            directions: self.directions(&numbers),
+        }
     }
 
     /// Sentences on pairs of parameters with correlated sensitivities, and on parameters that predict without physical meaning.

@@ -76,88 +76,20 @@ pub(crate) fn describe(
     left: &[DMatrix<f64>],
     seed: u64,
 ) -> Option<MissingForce> {
-    let (system, records) = (likelihood.system, likelihood.records);
+    let system = likelihood.system;
     let states = system.states.len();
     if states == 0 || states > STATES {
         return None;
     }
-    let every = records.iter().map(|r| r.time_s.len()).sum::<usize>().div_ceil(SAMPLES).max(1);
-    let runs = runs(likelihood, effects)?;
-    let spread = Errors::trained(records, left);
-    let weights: Vec<f64> =
-        spread.deviations.iter().map(|d| if *d > 0.0 { d.sqrt().recip() } else { 0.0 }).collect();
-    let parts: Vec<Part> = (0..records.len())
-        .flat_map(|at| [(at, false), (at, true)])
-        .filter_map(|(at, held)| {
-            let record = &records[at];
-            let span = if held { held_out.span(at) } else { record.train }?;
-            Some(part(likelihood, (at, held, span), &runs[at], &left[at], &weights, every))
-        })
-        .collect();
-    let energy = |held: bool| {
-        parts.iter().filter(|p| p.held == held).map(|p| p.left.norm_squared()).sum::<f64>()
-    };
-    let (trained_left, held_left) = (energy(false), energy(true));
-    if !(trained_left > 0.0 && held_left > 0.0) {
-        return None;
-    }
-    let variables = states + system.inputs.len();
-    let in_radians = |v: &usize| system.states[*v].unit.as_deref() == Some("rad");
-    let angles: Vec<usize> = (0..states).filter(in_radians).collect();
-    let forms = Form::all(variables, &angles);
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let turns: Vec<Vec<usize>> = (0..TURNS)
-        .map(|_| {
-            runs.iter()
-                .map(|run| {
-                    (rng.random_range(0.1..0.9) * run.samples().div_ceil(every) as f64) as usize
-                })
-                .collect()
-        })
-        .collect();
-    let sums = |responses: &[DMatrix<f64>], turn: Option<&[usize]>, held: bool| {
-        let mut sums = Sums::default();
-        for part in parts.iter().filter(|p| p.held == held) {
-            sums.product +=
-                part.product(&responses[part.record], &weights, turn.map_or(0, |t| t[part.record]));
-            sums.square += part.square(&responses[part.record], &weights);
-        }
-        sums
-    };
-    // Per state and function: gain, R², and R² at every turn.
-    let tried = |(state, form): (usize, Form)| {
-        let responses: Vec<DMatrix<f64>> = runs
-            .iter()
-            .map(|run| run.response(state, |k| form.of(|v| run.value(v, k)), every))
-            .collect();
-        let (trained, held) = (sums(&responses, None, false), sums(&responses, None, true));
-        let (gain, r2) = predicted(trained, held, held_left);
-        let learnt = trained.product * gain / trained_left;
-        let turned = |turn: &Vec<usize>| {
-            let product = |held: bool| {
-                let here = parts.iter().filter(|p| p.held == held);
-                here.map(|p| p.product(&responses[p.record], &weights, turn[p.record])).sum::<f64>()
-            };
-            predicted(
-                Sums { product: product(false), ..trained },
-                Sums { product: product(true), ..held },
-                held_left,
-            )
-            .1
-        };
-        let chance: Vec<f64> = turns.iter().map(turned).collect();
-        let finite = gain.is_finite() && r2.is_finite() && learnt.is_finite();
-        finite.then_some(Tried { state, form, gain, learnt, r2, chance })
-    };
+    let residuals = Residuals::of(likelihood, held_out, effects, left)?;
+    let forms = forms(system);
+    let turns = residuals.turns(seed);
     let all: Vec<(usize, Form)> =
         (0..states).flat_map(|i| forms.iter().map(move |f| (i, *f))).collect();
+    let tried = |(state, form)| residuals.tried(state, form, &turns);
     let mut found: Vec<Tried> = all.into_par_iter().filter_map(tried).collect();
     found.sort_by(|a, b| b.learnt.total_cmp(&a.learnt));
-    let best = found.first()?.learnt;
-    let rank = |t: &Tried| forms.iter().position(|f| *f == t.form);
-    let as_good = found.iter().take_while(|t| t.learnt > best - AS_GOOD);
-    let simplest =
-        as_good.min_by(|a, b| rank(a).cmp(&rank(b)).then(b.learnt.total_cmp(&a.learnt)))?;
+    let simplest = simplest(&found, &forms)?;
     let chance =
         found.iter().flat_map(|t| &t.chance).copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
     if simplest.r2 < WORTH || simplest.r2 <= chance {
@@ -165,21 +97,137 @@ pub(crate) fn describe(
     }
     let curve = profile(
         (simplest.state, simplest.form, simplest.gain),
-        (&runs, &parts),
-        &weights,
-        every,
+        (&residuals.runs, &residuals.parts),
+        &residuals.weights,
+        residuals.every,
         |v| variable(system, v),
     );
+    let description = simplest.described(system, chance, suggested(system, simplest, &found));
+    Some(MissingForce { description, curve, learnt: simplest.learnt })
+}
+
+/// The functions that a missing force may follow; waves over states that are angles only.
+fn forms(system: &System) -> Vec<Form> {
+    let states = system.states.len();
+    let in_radians = |v: &usize| system.states[*v].unit.as_deref() == Some("rad");
+    let angles: Vec<usize> = (0..states).filter(in_radians).collect();
+    Form::all(states + system.inputs.len(), &angles)
+}
+
+/// The simplest of the functions that take about as much of the training residual as the first one, the best.
+fn simplest<'t>(found: &'t [Tried], forms: &[Form]) -> Option<&'t Tried> {
+    let best = found.first()?.learnt;
+    let rank = |t: &Tried| forms.iter().position(|f| *f == t.form);
+    let as_good = found.iter().take_while(|t| t.learnt > best - AS_GOOD);
+    as_good.min_by(|a, b| rank(a).cmp(&rank(b)).then(b.learnt.total_cmp(&a.learnt)))
+}
+
+/// The candidates that are suggested: the simplest function, then the best ones with another term.
+fn suggested(system: &System, simplest: &Tried, found: &[Tried]) -> Vec<String> {
     let mut different: Vec<(String, &Tried)> = Vec::new();
-    for tried in std::iter::once(simplest).chain(&found) {
+    for tried in std::iter::once(simplest).chain(found) {
         let term = tried.term(system, 0);
         if different.len() < SUGGESTED && different.iter().all(|(other, _)| *other != term) {
             different.push((term, tried));
         }
     }
-    let suggested = different.iter().enumerate().map(|(at, (_, t))| t.term(system, at)).collect();
-    let description = simplest.described(system, chance, suggested);
-    Some(MissingForce { description, curve, learnt: simplest.learnt })
+    different.iter().enumerate().map(|(at, (_, t))| t.term(system, at)).collect()
+}
+
+/// The residuals of all spans, and the runs along which the model responds to a force.
+struct Residuals {
+    runs: Vec<Run>,
+    parts: Vec<Part>,
+    /// Per output, the inverse of its spread.
+    weights: Vec<f64>,
+    /// Of every so many samples one is regressed on.
+    every: usize,
+    /// The energy of the residual on the training spans, and on the held-out ones.
+    trained_left: f64,
+    held_left: f64,
+}
+
+impl Residuals {
+    /// `None` where the model has no linearised run, or where either kind of span leaves no residual.
+    fn of(
+        likelihood: &Likelihood<'_>,
+        held_out: &HeldOut,
+        effects: &[Applied],
+        left: &[DMatrix<f64>],
+    ) -> Option<Self> {
+        let records = likelihood.records;
+        let every = records.iter().map(|r| r.time_s.len()).sum::<usize>().div_ceil(SAMPLES).max(1);
+        let runs = runs(likelihood, effects)?;
+        let spread = Errors::trained(records, left);
+        let weight = |d: &f64| if *d > 0.0 { d.sqrt().recip() } else { 0.0 };
+        let weights: Vec<f64> = spread.deviations.iter().map(weight).collect();
+        let parts: Vec<Part> = (0..records.len())
+            .flat_map(|at| [(at, false), (at, true)])
+            .filter_map(|(at, held)| {
+                let span = if held { held_out.span(at) } else { records[at].train }?;
+                Some(part(likelihood, (at, held, span), &runs[at], &left[at], &weights, every))
+            })
+            .collect();
+        let energy = |held: bool| {
+            parts.iter().filter(|p| p.held == held).map(|p| p.left.norm_squared()).sum::<f64>()
+        };
+        let (trained_left, held_left) = (energy(false), energy(true));
+        (trained_left > 0.0 && held_left > 0.0).then_some(Self {
+            runs,
+            parts,
+            weights,
+            every,
+            trained_left,
+            held_left,
+        })
+    }
+
+    /// Per circular shift and log, the number of kept samples by which its response is shifted.
+    fn turns(&self, seed: u64) -> Vec<Vec<usize>> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut turn = |run: &Run| {
+            (rng.random_range(0.1..0.9) * run.samples().div_ceil(self.every) as f64) as usize
+        };
+        (0..TURNS).map(|_| self.runs.iter().map(&mut turn).collect()).collect()
+    }
+
+    /// The inner products of the responses of all logs, over the spans of one kind.
+    fn sums(&self, responses: &[DMatrix<f64>], held: bool) -> Sums {
+        let mut sums = Sums::default();
+        for part in self.parts.iter().filter(|p| p.held == held) {
+            sums.product += part.product(&responses[part.record], &self.weights, 0);
+            sums.square += part.square(&responses[part.record], &self.weights);
+        }
+        sums
+    }
+
+    /// The inner product of shifted responses with the residual, over the spans of one kind.
+    fn shifted_product(&self, responses: &[DMatrix<f64>], turn: &[usize], held: bool) -> f64 {
+        let here = self.parts.iter().filter(|p| p.held == held);
+        here.map(|p| p.product(&responses[p.record], &self.weights, turn[p.record])).sum::<f64>()
+    }
+
+    /// A function on a state's derivative with its gain, its R², and its R² at every shift; `None` where one is not finite.
+    fn tried(&self, state: usize, form: Form, turns: &[Vec<usize>]) -> Option<Tried> {
+        let response =
+            |run: &Run| run.response(state, |k| form.of(|v| run.value(v, k)), self.every);
+        let responses: Vec<DMatrix<f64>> = self.runs.iter().map(response).collect();
+        let (trained, held) = (self.sums(&responses, false), self.sums(&responses, true));
+        let (gain, r2) = predicted(trained, held, self.held_left);
+        let learnt = trained.product * gain / self.trained_left;
+        let shifted_r2 = |turn: &Vec<usize>| {
+            let product = |held: bool| self.shifted_product(&responses, turn, held);
+            predicted(
+                Sums { product: product(false), ..trained },
+                Sums { product: product(true), ..held },
+                self.held_left,
+            )
+            .1
+        };
+        let chance: Vec<f64> = turns.iter().map(shifted_r2).collect();
+        let finite = gain.is_finite() && r2.is_finite() && learnt.is_finite();
+        finite.then_some(Tried { state, form, gain, learnt, r2, chance })
+    }
 }
 
 /// A function on a state's derivative.

@@ -218,7 +218,7 @@ impl Conclusion<'_, '_> {
     /// The verdict on the best set.
     fn concluded(
         &self,
-        mut reached: Vec<(Errors, Vec<DMatrix<f64>>)>,
+        reached: Vec<(Errors, Vec<DMatrix<f64>>)>,
         found: &Found,
         best: &CauseSet,
     ) -> Option<ActiveCauses> {
@@ -253,35 +253,10 @@ impl Conclusion<'_, '_> {
             return self.concluded(reached, found, fewer);
         }
         let without = shrunk.refitted(&hypothesis, &taken_out);
-        let (nothing, with_all) =
-            (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(&hypothesis))?);
-        reached.push(with_all.noise(self.likelihood));
-        // Every model's parameters are a little off: a recalibration by so little that lowers a small gap is no cause.
-        let overall_of = |level: &Level| overall(&level.train.nrmse());
-        let small = overall_of(&nothing)
-            .zip(overall_of(&with_all))
-            .is_some_and(|(before, after)| before < self.likelihood.criteria.clear * after);
-        let criteria = &self.likelihood.criteria;
-        let usual = best.recalibration.is_some_and(|size| size <= criteria.usual_error);
-        let of_the_numbers =
-            small && usual && !self.names_an_effect(best, &taken_out, [&nothing, &with_all]);
-        let (floor, ruling) = if of_the_numbers {
-            let recalibrated = Level { hypothesis: None, ..with_all };
-            self.ruled([&recalibrated, &recalibrated], &reached)
-        } else {
-            self.ruled([&nothing, &with_all], &reached)
-        };
-        if of_the_numbers {
-            return Some(ActiveCauses::nothing(Judged {
-                of_the_numbers: Some(hypothesis.key()),
-                ..Judged::of(ruling, floor)
-            }));
+        let judged = self.judged(best, (&hypothesis, &taken_out), reached)?;
+        if judged.of_the_numbers.is_some() {
+            return Some(ActiveCauses::nothing(judged));
         }
-        let judged = Judged {
-            found: (ruling.verdict == GapVerdict::Effects).then(|| hypothesis.clone()),
-            best: Some(hypothesis.clone()),
-            ..Judged::of(ruling, floor)
-        };
         let stays =
             |class: &EffectClass| hypothesis.effects.iter().any(|a| a.key() == class.effect.key());
         let classes = found.classes().into_iter().filter(stays).collect();
@@ -295,6 +270,47 @@ impl Conclusion<'_, '_> {
             recalibration: best.recalibration,
             estimate,
         })
+    }
+
+    /// The verdict on a hypothesis, which names nothing where the recalibration alone explains the gap. `taken_out`: as in [`ActiveCauses`].
+    fn judged(
+        &self,
+        best: &CauseSet,
+        (hypothesis, taken_out): (&Hypothesis, &[Hypothesis]),
+        mut reached: Vec<(Errors, Vec<DMatrix<f64>>)>,
+    ) -> Option<Judged> {
+        let (nothing, with_all) =
+            (Level::of(self.likelihood, None)?, Level::of(self.likelihood, Some(hypothesis))?);
+        reached.push(with_all.noise(self.likelihood));
+        if self.is_usual_recalibration(best, taken_out, [&nothing, &with_all]) {
+            let recalibrated = Level { hypothesis: None, ..with_all };
+            let (floor, ruling) = self.ruled([&recalibrated, &recalibrated], &reached);
+            let of_the_numbers = Some(hypothesis.key());
+            return Some(Judged { of_the_numbers, ..Judged::of(ruling, floor) });
+        }
+        let (floor, ruling) = self.ruled([&nothing, &with_all], &reached);
+        Some(Judged {
+            found: (ruling.verdict == GapVerdict::Effects).then(|| hypothesis.clone()),
+            best: Some(hypothesis.clone()),
+            ..Judged::of(ruling, floor)
+        })
+    }
+
+    /// Whether a small gap is explained by a recalibration of the usual size, without an effect that is named.
+    fn is_usual_recalibration(
+        &self,
+        best: &CauseSet,
+        taken_out: &[Hypothesis],
+        [nothing, with_all]: [&Level; 2],
+    ) -> bool {
+        // Every model's parameters are a little off: a recalibration by so little that lowers a small gap is no cause.
+        let criteria = &self.likelihood.criteria;
+        let overall_of = |level: &Level| overall(&level.train.nrmse());
+        let small = overall_of(nothing)
+            .zip(overall_of(with_all))
+            .is_some_and(|(before, after)| before < criteria.clear * after);
+        let usual = best.recalibration.is_some_and(|size| size <= criteria.usual_error);
+        small && usual && !self.names_an_effect(best, taken_out, [nothing, with_all])
     }
 
     /// Whether an effect of its own, given the joint recalibration, explains a part of the gap that is named. `taken_out`: per effect the others, the recalibration last.

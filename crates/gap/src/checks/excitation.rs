@@ -57,24 +57,22 @@ fn records(view: &View<'_>, input: usize) -> Vec<Vec<f64>> {
         .collect()
 }
 
+/// Whether one command excites the model enough, and the finding.
 fn judge(
     view: &View<'_>,
     inputs: &[Vec<Vec<f64>>],
     followed: Option<&Followed>,
     j: usize,
 ) -> (bool, String) {
-    let system = view.system;
-    let name = &system.inputs[j].name;
-    let unit = system.inputs[j]
-        .unit
-        .as_deref()
-        .filter(|u| *u != "1")
-        .map(|u| format!(" {u}"))
-        .unwrap_or_default();
+    let port = &view.system.inputs[j];
+    let name = &port.name;
+    let unit = port.unit.as_deref().filter(|u| *u != "1").map(|u| format!(" {u}"));
+    let unit = unit.unwrap_or_default();
     let u = &inputs[j];
-    let all = || u.iter().flatten().copied();
-    let (low, high) =
-        all().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    let (low, high) = u
+        .iter()
+        .flatten()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
     if !u.iter().any(|r| deviation(r) > 0.0) {
         return (
             false,
@@ -84,39 +82,63 @@ fn judge(
             ),
         );
     }
+    let levels = levels(u);
     let mut says = vec![format!("`{name}` moves from {} to {}{unit}", short(low), short(high))];
-    let mut levels: Vec<f64> = all().collect();
+    says.extend(properties(view, u, levels));
+    let faults = faults(view, u, followed);
+    let ok = faults.is_empty();
+    says.extend(faults);
+    if levels <= 3 {
+        says.push(
+            "with one amplitude a dead zone, a limit and a gain look the same: use two or more"
+                .to_owned(),
+        );
+    }
+    (ok, says.join("; "))
+}
+
+/// The number of values that a command has.
+fn levels(u: &[Vec<f64>]) -> usize {
+    let mut levels: Vec<f64> = u.iter().flatten().copied().collect();
     levels.sort_by(f64::total_cmp);
     levels.dedup();
-    if levels.len() <= LEVELS {
-        says.push(format!("in {} levels", levels.len()));
+    levels.len()
+}
+
+/// The number of levels where they are few, the command's band, and the model's time constants.
+fn properties(view: &View<'_>, u: &[Vec<f64>], levels: usize) -> Vec<String> {
+    let mut says = Vec::new();
+    if levels <= LEVELS {
+        says.push(format!("in {levels} levels"));
     }
     let band_hz = u.iter().filter_map(|r| band_hz(r, view.sample_time_s())).fold(0.0, f64::max);
     says.push(format!("{} % of its power below {} Hz", short(100.0 * POWER), short(band_hz)));
-    let mut ok = true;
-    if let Some(slowest) = view.time_constants_s.last().copied() {
-        let changes = changes(u, slowest / view.sample_time_s());
-        let [fast, slow] = [view.time_constants_s[0], slowest].map(short);
+    let constants = &view.time_constants_s;
+    if let (Some(fast), Some(slow)) = (constants.first(), constants.last()) {
+        let [fast, slow] = [*fast, *slow].map(short);
         says.push(match fast == slow {
             true => format!("the model's time constant is {slow} s"),
             false => format!("the model's time constants are {fast} to {slow} s"),
         });
-        if changes < CHANGES {
-            ok = false;
-            says.push(
-                "it changes so slowly that only a static gain shows: use steps or a faster command"
-                    .to_owned(),
-            );
-        }
     }
-    if ok && rank(u, view) <= POOR {
-        ok = false;
+    says
+}
+
+/// The faults of a command that moves, each with its fix.
+fn faults(view: &View<'_>, u: &[Vec<f64>], followed: Option<&Followed>) -> Vec<String> {
+    let mut says = Vec::new();
+    let slowest = view.time_constants_s.last();
+    if slowest.is_some_and(|slowest| changes(u, slowest / view.sample_time_s()) < CHANGES) {
+        says.push(
+            "it changes so slowly that only a static gain shows: use steps or a faster command"
+                .to_owned(),
+        );
+    } else if rank(u, view) <= POOR {
         says.push("it is one frequency, which tells one gain and one phase: use steps, a multisine or a sweep".to_owned());
     }
     if let Some(Followed { share, by }) = followed.filter(|f| f.share > TOGETHER) {
-        ok = false;
-        let mut names: Vec<String> =
-            by.iter().take(MOST_NAMED).map(|&k| format!("`{}`", system.inputs[k].name)).collect();
+        let name = |&k: &usize| format!("`{}`", view.system.inputs[k].name);
+        let mut names: Vec<String> = by.iter().take(MOST_NAMED).map(name).collect();
         if by.len() > MOST_NAMED {
             names.push(format!("{} more", by.len() - MOST_NAMED));
         }
@@ -126,13 +148,7 @@ fn judge(
             names.join(", ")
         ));
     }
-    if levels.len() <= 3 {
-        says.push(
-            "with one amplitude a dead zone, a limit and a gain look the same: use two or more"
-                .to_owned(),
-        );
-    }
-    (ok, says.join("; "))
+    says
 }
 
 /// The frequency below which most of the power is.

@@ -366,20 +366,9 @@ fn across(e: &Evidence<'_>, group: &[Pair], all: &[Vec<Part>]) -> Option<String>
     if rows.len() < STRETCHES * 10 {
         return None;
     }
-    let solve = |left_out: Option<usize>| -> Option<DMatrix<f64>> {
-        let (mut gram, mut right) = (DMatrix::<f64>::zeros(n, n), DMatrix::<f64>::zeros(n, n));
-        for (_, row) in
-            rows.iter().enumerate().filter(|(k, _)| Some(k * STRETCHES / rows.len()) != left_out)
-        {
-            let (x, y) =
-                (DVector::from_column_slice(&row[..n]), DVector::from_column_slice(&row[n..]));
-            gram += &x * x.transpose();
-            right += &x * y.transpose();
-        }
-        Some(gram.cholesky()?.solve(&right).transpose())
-    };
-    let found = solve(None)?;
-    let others: Vec<DMatrix<f64>> = (0..STRETCHES).filter_map(|out| solve(Some(out))).collect();
+    let found = regression(&rows, n, None)?;
+    let others: Vec<DMatrix<f64>> =
+        (0..STRETCHES).filter_map(|out| regression(&rows, n, Some(out))).collect();
     let count = others.len() as f64;
     let spread = |i: usize, j: usize| {
         let mean = others.iter().map(|m| m[(i, j)]).sum::<f64>() / count;
@@ -404,15 +393,7 @@ fn across(e: &Evidence<'_>, group: &[Pair], all: &[Vec<Part>]) -> Option<String>
     if !turned || !clear || others.len() < STRETCHES {
         return None;
     }
-    let square = DMatrix::from_fn(3, 3, |i, j| {
-        if i < n && j < n { found[(i, j)] } else { size * f64::from(u8::from(i == j)) }
-    });
-    let svd = svd(&square)?;
-    let turn = svd.u? * svd.v_t?;
-    if turn.determinant() < 0.0 {
-        return None;
-    }
-    let angle = (0.5 * (turn.trace() - 1.0)).clamp(-1.0, 1.0).acos().to_degrees();
+    let angle = rotation_degrees(&found, size)?;
     let names = |of: &dyn Fn(&Pair) -> String| group.iter().map(of).collect::<Vec<_>>().join(", ");
     Some(format!(
         "{} are along other axes than {}: turned by {}°, which a factor would not explain; turn one of the two",
@@ -420,6 +401,33 @@ fn across(e: &Evidence<'_>, group: &[Pair], all: &[Vec<Part>]) -> Option<String>
         names(&|p| p.words(e)),
         short(angle)
     ))
+}
+
+/// The coefficients of the rates of `n` axes on their slopes, by least squares without one stretch of the rows.
+fn regression(rows: &[Vec<f64>], n: usize, left_out: Option<usize>) -> Option<DMatrix<f64>> {
+    let (mut gram, mut right) = (DMatrix::<f64>::zeros(n, n), DMatrix::<f64>::zeros(n, n));
+    for (_, row) in
+        rows.iter().enumerate().filter(|(k, _)| Some(k * STRETCHES / rows.len()) != left_out)
+    {
+        let (x, y) = (DVector::from_column_slice(&row[..n]), DVector::from_column_slice(&row[n..]));
+        gram += &x * x.transpose();
+        right += &x * y.transpose();
+    }
+    Some(gram.cholesky()?.solve(&right).transpose())
+}
+
+/// The angle of the rotation nearest to coefficients of this size; `None` for a reflection.
+fn rotation_degrees(coefficients: &DMatrix<f64>, size: f64) -> Option<f64> {
+    let n = coefficients.nrows();
+    let square = DMatrix::from_fn(3, 3, |i, j| {
+        if i < n && j < n { coefficients[(i, j)] } else { size * f64::from(u8::from(i == j)) }
+    });
+    let svd = svd(&square)?;
+    let turn = svd.u? * svd.v_t?;
+    if turn.determinant() < 0.0 {
+        return None;
+    }
+    Some((0.5 * (turn.trace() - 1.0)).clamp(-1.0, 1.0).acos().to_degrees())
 }
 
 /// Slopes and rates of all axes through one filter, the means of every log taken off, where all are there.
@@ -463,76 +471,147 @@ fn one(e: &Evidence<'_>, pair: &Pair, fit: Option<Alike>, alone: bool, said: &mu
         ));
         return;
     }
-    let ts = e.view.sample_time_s();
-    let [low, high] = fit.factor;
-    let factor = (low * high).sqrt();
-    let lag = Known { value: fit.lag.value * ts, half: fit.lag.half * ts };
+    let compared = Compared::of(e, pair, fit);
+    let findings = [
+        (CheckKind::Unit, compared.gain(alone)),
+        (CheckKind::ClockOffset, compared.lag()),
+        (CheckKind::Unit, compared.offset()),
+    ];
     let before = said.found.len();
-    let excludes = |k: Known, least: f64| k.value.abs() > SURE * k.half && k.value.abs() > least;
-    let gain = Known { value: factor.ln(), half: 0.5 * (high / low).ln() };
-    // A factor between units is named as such elsewhere, and so is a wrong sign.
-    let relation = |of: usize, factor: f64| Relation { of, rate: pair.rate, factor };
-    let known = matches!(pair.source, Source::Output(of, f) if !unit::guesses(e, relation(of, f), 1.0 / factor).is_empty());
-    if let Some([other, also]) = fit.elsewhere.filter(|_| !known) {
-        let finding = format!(
-            "`{rate}` is {} to {} times {words} where they agree best, {} to {} times in another band: a filter or a lag of one of the two, no gain",
-            short(low),
-            short(high),
-            short(other),
-            short(also)
-        );
-        said.found.push(result(CheckKind::Unit, rate, Some(false), finding));
-    } else if !known && excludes(gain, (1.0 + FACTOR).ln()) {
-        let axis = alone && factor < 1.0 && matches!(pair.source, Source::Output(..));
+    said.found.extend(
+        findings
+            .into_iter()
+            .filter_map(|(kind, finding)| Some(result(kind, rate, Some(false), finding?))),
+    );
+    if before == said.found.len() && !compared.other_unit {
+        let numbers = compared.numbers();
+        if compared.is_vague() { said.untold.push(numbers) } else { said.agree.push(numbers) }
+    }
+}
+
+/// Whether a number lies clearly outside its interval about 0, and beyond the least that matters.
+fn excludes(known: Known, least: f64) -> bool {
+    known.value.abs() > SURE * known.half && known.value.abs() > least
+}
+
+/// A rate compared with the slope of its source.
+struct Compared<'c, 'e> {
+    e: &'c Evidence<'e>,
+    pair: &'c Pair,
+    fit: Alike,
+    /// The rate over the slope.
+    factor: f64,
+    /// A factor between units is named as such elsewhere, and so is a wrong sign.
+    other_unit: bool,
+    rate: &'c str,
+    words: String,
+}
+
+impl<'c, 'e> Compared<'c, 'e> {
+    fn of(e: &'c Evidence<'e>, pair: &'c Pair, fit: Alike) -> Self {
+        let [low, high] = fit.factor;
+        let factor = (low * high).sqrt();
+        let other_unit = match pair.source {
+            Source::Output(of, f) => {
+                let relation = Relation { of, rate: pair.rate, factor: f };
+                !unit::guesses(e, relation, 1.0 / factor).is_empty()
+            }
+            Source::Turning(..) => false,
+        };
+        let (rate, words) = (e.output(pair.rate), pair.words(e));
+        Self { e, pair, fit, factor, other_unit, rate, words }
+    }
+
+    /// The finding on the factor: another one in another band, or a gain. `alone`: no other axis belongs to the pair.
+    fn gain(&self, alone: bool) -> Option<String> {
+        if self.other_unit {
+            return None;
+        }
+        let Self { rate, words, factor, .. } = self;
+        let [low, high] = self.fit.factor;
+        if let Some([other, also]) = self.fit.elsewhere {
+            return Some(format!(
+                "`{rate}` is {} to {} times {words} where they agree best, {} to {} times in another band: a filter or a lag of one of the two, no gain",
+                short(low),
+                short(high),
+                short(other),
+                short(also)
+            ));
+        }
+        let gain = Known { value: factor.ln(), half: 0.5 * (high / low).ln() };
+        if !excludes(gain, (1.0 + FACTOR).ln()) {
+            return None;
+        }
+        let axis = alone && *factor < 1.0 && matches!(self.pair.source, Source::Output(..));
         let or = if axis {
             format!(", or an axis that is {}° off", short(factor.min(1.0).acos().to_degrees()))
         } else {
             String::new()
         };
         // Matrices do not tell kinematics from numbers that may be wrong.
-        let matrix = pair.stated && matches!(e.view.system.dynamics, Dynamics::Linear(_));
+        let matrix = self.pair.stated && matches!(self.e.view.system.dynamics, Dynamics::Linear(_));
         let number = if matrix { ", or the model's own number between the two" } else { "" };
-        let finding = format!(
+        Some(format!(
             "`{rate}` is {} times {words} (95 %: {} to {}): a gain of one of the two{or}{number}",
-            short(factor),
+            short(*factor),
             short(low),
             short(high)
-        );
-        said.found.push(result(CheckKind::Unit, rate, Some(false), finding));
+        ))
     }
-    if excludes(fit.lag, LATE) {
+
+    /// The finding on a rate that comes later or earlier than the slope.
+    fn lag(&self) -> Option<String> {
+        let (rate, words, lag) = (self.rate, &self.words, self.lag_s());
         let late = if lag.value > 0.0 { "later" } else { "earlier" };
-        let finding = format!(
-            "`{rate}` comes {} s {late} than {words}: the clock, a filter or a bus of one of the two",
-            range(lag)
-        );
-        said.found.push(result(CheckKind::ClockOffset, rate, Some(false), finding));
+        excludes(self.fit.lag, LATE).then(|| {
+            format!(
+                "`{rate}` comes {} s {late} than {words}: the clock, a filter or a bus of one of the two",
+                range(lag)
+            )
+        })
     }
-    if pair.stated && !known && excludes(fit.offset, OFFSET * fit.size) {
-        let unit = e.view.system.outputs[pair.rate]
+
+    /// The lag in seconds.
+    fn lag_s(&self) -> Known {
+        let (lag, ts) = (self.fit.lag, self.e.view.sample_time_s());
+        Known { value: lag.value * ts, half: lag.half * ts }
+    }
+
+    /// The finding on a rate that stands above or below the slope.
+    fn offset(&self) -> Option<String> {
+        let Self { pair, fit, rate, words, .. } = self;
+        if !pair.stated || self.other_unit || !excludes(fit.offset, OFFSET * fit.size) {
+            return None;
+        }
+        let unit = self.e.view.system.outputs[pair.rate]
             .unit
             .as_deref()
             .map(|u| format!(" {u}"))
             .unwrap_or_default();
         let side = if fit.offset.value > 0.0 { "above" } else { "below" };
-        let finding = format!(
+        Some(format!(
             "`{rate}` stands {}{unit} {side} {words}: an offset of one of the two",
             range(fit.offset)
-        );
-        said.found.push(result(CheckKind::Unit, rate, Some(false), finding));
+        ))
     }
-    let numbers = format!(
-        "`{rate}` is {} to {} times {words}, {} s late (± {})",
-        short(low),
-        short(high),
-        short(lag.value),
-        short(lag.half)
-    );
-    if before == said.found.len() && !known {
-        if high > WIDE * low || fit.lag.half > VAGUE {
-            said.untold.push(numbers)
-        } else {
-            said.agree.push(numbers)
-        }
+
+    /// Factor and lag with their intervals.
+    fn numbers(&self) -> String {
+        let ([low, high], lag) = (self.fit.factor, self.lag_s());
+        format!(
+            "`{}` is {} to {} times {}, {} s late (± {})",
+            self.rate,
+            short(low),
+            short(high),
+            self.words,
+            short(lag.value),
+            short(lag.half)
+        )
+    }
+
+    /// Intervals so wide that a fault would not have shown.
+    fn is_vague(&self) -> bool {
+        let [low, high] = self.fit.factor;
+        high > WIDE * low || self.fit.lag.half > VAGUE
     }
 }

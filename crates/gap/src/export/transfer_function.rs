@@ -17,7 +17,9 @@ use super::target::Target;
 use crate::error::Result;
 use deadtime_model::effect::{Applied, Chance};
 use deadtime_model::simulate::{Dynamics, Matrices, Plan, Source as From, System, Term};
-use deadtime_model::{Continuous, ModelError, Sampled, StateSpace, TimeDomain, TransferFunction};
+use deadtime_model::{
+    Continuous, ModelDocument, ModelError, Sampled, StateSpace, TimeDomain, TransferFunction,
+};
 
 /// Transfer functions with delay.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -50,89 +52,79 @@ impl Target for Transfer {
             return Err(ExportError::OtherModel { model, diagnosed }.into());
         }
         let system = System::new(document, |_| Ok(0.0))?;
-        let (mut effects, mut left_out) = (Vec::new(), Vec::new());
-        let mut leave = |effect: &str, channel: &str, why: &str| {
-            left_out.push(Node::map([
-                ("effect", effect.into()),
-                ("channel", channel.into()),
-                ("why", why.into()),
-            ]));
-        };
-        for entry in document.effects() {
-            let sampled_lag = system.is_sampled() && LAGS.contains(&entry.effect.as_str());
-            if LINEAR.contains(&entry.effect.as_str()) && !sampled_lag {
-                effects.push(Applied::from_entry(&system, entry)?);
-            } else {
-                let why = if sampled_lag {
-                    "a continuous lag before or behind a sampled model"
-                } else {
-                    "it is not linear, or changes with time"
-                };
-                leave(&entry.effect, &entry.channel, why);
-            }
-        }
-        let mut named: Vec<(&str, &str)> =
-            ranges.ranges.iter().map(|r| (r.effect.as_str(), r.channel.as_str())).collect();
-        named.dedup();
-        for (effect, channel) in named {
-            if !document.effects().iter().any(|e| e.effect == effect && e.channel == channel) {
-                leave(
-                    effect,
-                    channel,
-                    "it was found, and the model that was given does not have it",
-                );
-            }
-        }
+        let (effects, mut left_out) = linear_effects(document, &system)?;
+        left_out.extend(found_only(document, ranges));
         let plan = Applied::plan(&system, &effects, Chance::Mean)?;
-        let mut functions = Vec::new();
-        let mut sample_time = Node::Null;
-        match &plan.dynamics {
-            Dynamics::Sampled(matrices, step) => {
-                sample_time = step.seconds().into();
-                pairs(
-                    &state_space(&plan, matrices, Sampled(*step))?,
-                    &system,
-                    &plan,
-                    ranges,
-                    &mut functions,
-                )?;
-            }
-            Dynamics::Linear(matrices) => pairs(
-                &state_space(&plan, matrices, Continuous)?,
-                &system,
-                &plan,
-                ranges,
-                &mut functions,
-            )?,
-            Dynamics::Equations(equations, parameters) => {
-                let l = equations.linearise(
-                    0.0,
-                    &system.initial,
-                    &vec![0.0; system.inputs.len()],
-                    parameters,
-                );
-                if [&l.a, &l.b, &l.c, &l.d].iter().any(|m| m.iter().any(|v| !v.is_finite())) {
-                    return Err(ExportError::NoSlope { model: system.name.clone() }.into());
-                }
-                let matrices = Matrices { a: l.a, b: l.b, c: l.c, d: l.d };
-                pairs(
-                    &state_space(&plan, &matrices, Continuous)?,
-                    &system,
-                    &plan,
-                    ranges,
-                    &mut functions,
-                )?;
-            }
-            Dynamics::BlackBox(..) => {}
-        }
+        let sample_time = match &plan.dynamics {
+            Dynamics::Sampled(_, step) => step.seconds().into(),
+            _ => Node::Null,
+        };
         Ok(Node::map([
             ("format", "deadtime/transfer@1".into()),
             ("model", system.name.as_str().into()),
             ("sample_time_s", sample_time),
             ("linearised", matches!(plan.dynamics, Dynamics::Equations(..)).into()),
-            ("functions", Node::List(functions)),
+            ("functions", Node::List(functions(&plan, &system, ranges)?)),
             ("left_out", Node::List(left_out)),
         ]))
+    }
+}
+
+/// The effects of the model that a transfer function can hold, and those that are left out, with the reason.
+fn linear_effects(document: &ModelDocument, system: &System) -> Result<(Vec<Applied>, Vec<Node>)> {
+    let (mut effects, mut left_out) = (Vec::new(), Vec::new());
+    for entry in document.effects() {
+        let sampled_lag = system.is_sampled() && LAGS.contains(&entry.effect.as_str());
+        if LINEAR.contains(&entry.effect.as_str()) && !sampled_lag {
+            effects.push(Applied::from_entry(system, entry)?);
+        } else {
+            let why = if sampled_lag {
+                "a continuous lag before or behind a sampled model"
+            } else {
+                "it is not linear, or changes with time"
+            };
+            left_out.push(left_out_node(&entry.effect, &entry.channel, why));
+        }
+    }
+    Ok((effects, left_out))
+}
+
+/// The effects with a range that the model does not have.
+fn found_only(document: &ModelDocument, ranges: &Ranges) -> Vec<Node> {
+    let mut named: Vec<(&str, &str)> =
+        ranges.ranges.iter().map(|r| (r.effect.as_str(), r.channel.as_str())).collect();
+    named.dedup();
+    named.retain(|(effect, channel)| {
+        !document.effects().iter().any(|e| e.effect == *effect && e.channel == *channel)
+    });
+    let why = "it was found, and the model that was given does not have it";
+    named.into_iter().map(|(effect, channel)| left_out_node(effect, channel, why)).collect()
+}
+
+/// An entry of `left_out`.
+fn left_out_node(effect: &str, channel: &str, why: &str) -> Node {
+    Node::map([("effect", effect.into()), ("channel", channel.into()), ("why", why.into())])
+}
+
+/// The transfer functions of a plan between all inputs and outputs; equations are linearised at the initial state.
+fn functions(plan: &Plan, system: &System, ranges: &Ranges) -> Result<Vec<Node>> {
+    match &plan.dynamics {
+        Dynamics::Sampled(matrices, step) => {
+            pairs(&state_space(plan, matrices, Sampled(*step))?, system, plan, ranges)
+        }
+        Dynamics::Linear(matrices) => {
+            pairs(&state_space(plan, matrices, Continuous)?, system, plan, ranges)
+        }
+        Dynamics::Equations(equations, parameters) => {
+            let rest = vec![0.0; system.inputs.len()];
+            let l = equations.linearise(0.0, &system.initial, &rest, parameters);
+            if [&l.a, &l.b, &l.c, &l.d].iter().any(|m| m.iter().any(|v| !v.is_finite())) {
+                return Err(ExportError::NoSlope { model: system.name.clone() }.into());
+            }
+            let matrices = Matrices { a: l.a, b: l.b, c: l.c, d: l.d };
+            pairs(&state_space(plan, &matrices, Continuous)?, system, plan, ranges)
+        }
+        Dynamics::BlackBox(..) => Ok(Vec::new()),
     }
 }
 
@@ -195,13 +187,14 @@ impl Way {
     }
 }
 
+/// The transfer functions of a linear model between all inputs and outputs.
 fn pairs<T: TimeDomain>(
     sys: &StateSpace<T>,
     system: &System,
     plan: &Plan,
     ranges: &Ranges,
-    functions: &mut Vec<Node>,
-) -> Result<()> {
+) -> Result<Vec<Node>> {
+    let mut functions = Vec::new();
     for (output, y) in system.outputs.iter().enumerate() {
         for (input, u) in system.inputs.iter().enumerate() {
             let way = Way::of(plan, system, ranges, output, input);
@@ -227,7 +220,7 @@ fn pairs<T: TimeDomain>(
             functions.push(function(&u.name, &y.name, &tf, &way, sys.domain().sample_time_s()));
         }
     }
-    Ok(())
+    Ok(functions)
 }
 
 fn function<T: TimeDomain>(

@@ -7,6 +7,7 @@ use nalgebra::DMatrix;
 use super::queue::Waiting;
 use super::response::static_value;
 use super::skyline::Skyline;
+use crate::input::record::LogRecord;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Chance, Fates};
@@ -123,14 +124,72 @@ pub(super) fn linear(
     let plan = likelihood.plan(&[], Chance::Mean)?;
     let through: Vec<f64> =
         record.inputs[input].iter().map(|v| static_value(&plan.inputs[input], *v)).collect();
+    let pulses = pulses(record, &through, delays, &e, g);
+    let first = (pulses.iter())
+        .map(|pulse| pulses.partition_point(|other| other.from + g.nrows() < pulse.from))
+        .collect();
+    let gram = Skyline::new(first, |i, j| pulses[i].overlap(&pulses[j]));
+    Some(Linear {
+        sent: pulses.iter().map(|pulse| pulse.sent).collect(),
+        sent_s: pulses.iter().map(|pulse| record.time_s[pulse.sent]).collect(),
+        delays: pulses.iter().map(|pulse| pulse.delay_s).collect(),
+        changes: pulses.iter().map(|pulse| pulse.change).collect(),
+        weights: vec![1.0; pulses.len()],
+        along: pulses.iter().map(|pulse| pulse.along(&e)).collect(),
+        gram,
+        trained: record.train.is_some(),
+    })
+}
+
+/// The response of the whitened outputs to a longer delay of one command, per second.
+struct Pulse {
+    /// The sample of the command.
+    sent: usize,
+    /// Its delay now, seconds.
+    delay_s: f64,
+    /// The size of its change.
+    change: f64,
+    /// The sample at which the response begins.
+    from: usize,
+    response: DMatrix<f64>,
+}
+
+impl Pulse {
+    /// The inner product with an earlier response, at the samples that both have.
+    fn overlap(&self, earlier: &Self) -> f64 {
+        let later = self.from - earlier.from;
+        (0..self.response.ncols())
+            .map(|o| {
+                let (a, b) = (self.response.column(o), earlier.response.column(o));
+                a.as_slice().iter().zip(&b.as_slice()[later..]).map(|(a, b)| a * b).sum::<f64>()
+            })
+            .sum()
+    }
+
+    /// The inner product with a whitened residual.
+    fn along(&self, e: &DMatrix<f64>) -> f64 {
+        let rows = (e.nrows() - self.from).min(self.response.nrows());
+        (0..e.ncols())
+            .map(|o| (0..rows).map(|n| self.response[(n, o)] * e[(self.from + n, o)]).sum::<f64>())
+            .sum()
+    }
+}
+
+/// The responses to the delays of all commands that change and arrive within the record; `through`: the commands behind the maps.
+fn pulses(
+    record: &LogRecord,
+    through: &[f64],
+    delays: &[f64],
+    e: &DMatrix<f64>,
+    g: &DMatrix<f64>,
+) -> Vec<Pulse> {
     let changes: Vec<f64> = through.windows(2).map(|w| w[1] - w[0]).collect();
     let largest = changes.iter().fold(0.0, |most: f64, c| most.max(c.abs()));
-    let (samples, outputs) = e.shape();
-    let (step_s, length) = (record.sample_time_s, g.nrows());
+    let samples = e.nrows();
+    let step_s = record.sample_time_s;
     // Rows without a measurement, or outside the span, are exactly 0.
     let there: Vec<bool> = (0..samples).map(|k| e.row(k).iter().any(|v| *v != 0.0)).collect();
-    let (mut sent, mut known, mut sizes, mut starts, mut columns) =
-        (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut pulses = Vec::new();
     let (mut latest_s, mut earliest) = (f64::NEG_INFINITY, 0);
     for (k, change) in (1..).zip(&changes) {
         latest_s = latest_s.max(record.time_s[k] + delays[k]);
@@ -146,46 +205,29 @@ pub(super) fn linear(
             break;
         }
         let part = (place - from as f64).clamp(0.0, 1.0);
-        let mut column = DMatrix::zeros(length + 1, outputs);
-        for n in (0..=length).filter(|n| there.get(from + n).copied().unwrap_or(false)) {
-            for i in 0..outputs {
-                let (now, before) = (
-                    if n < length { g[(n, i)] } else { 0.0 },
-                    if n > 0 { g[(n - 1, i)] } else { 0.0 },
-                );
-                column[(n, i)] = -change / step_s * ((1.0 - part) * now + part * before);
-            }
-        }
-        sent.push(k);
-        known.push(latest_s - record.time_s[k]);
-        sizes.push(change.abs());
-        starts.push(from);
-        columns.push(column);
+        pulses.push(Pulse {
+            sent: k,
+            delay_s: latest_s - record.time_s[k],
+            change: change.abs(),
+            from,
+            response: shifted(g, -change / step_s, part, &there[from..]),
+        });
     }
-    let first: Vec<usize> =
-        starts.iter().map(|from| starts.partition_point(|other| other + length < *from)).collect();
-    // The part of two responses that lies at the same time.
-    let product = |i: usize, j: usize| {
-        let later = starts[i] - starts[j];
-        (0..outputs)
-            .map(|o| {
-                let (a, b) = (columns[i].column(o), columns[j].column(o));
-                a.as_slice().iter().zip(&b.as_slice()[later..]).map(|(a, b)| a * b).sum::<f64>()
-            })
-            .sum()
-    };
-    let along = (0..sent.len()).map(|i| {
-        let rows = (samples - starts[i]).min(length + 1);
-        (0..outputs)
-            .map(|o| (0..rows).map(|n| columns[i][(n, o)] * e[(starts[i] + n, o)]).sum::<f64>())
-            .sum()
-    });
-    let along: Vec<f64> = along.collect();
-    let gram = Skyline::new(first, product);
-    let sent_s = sent.iter().map(|&k| record.time_s[k]).collect();
-    let weights = vec![1.0; sent.len()];
-    let trained = record.train.is_some();
-    Some(Linear { sent, sent_s, delays: known, changes: sizes, weights, gram, along, trained })
+    pulses
+}
+
+/// A response times a factor, later by a part of a sample; 0 in rows that are not `there`.
+fn shifted(g: &DMatrix<f64>, factor: f64, part: f64, there: &[bool]) -> DMatrix<f64> {
+    let (length, outputs) = g.shape();
+    let mut response = DMatrix::zeros(length + 1, outputs);
+    for n in (0..=length).filter(|n| there.get(*n).copied().unwrap_or(false)) {
+        for i in 0..outputs {
+            let now = if n < length { g[(n, i)] } else { 0.0 };
+            let before = if n > 0 { g[(n - 1, i)] } else { 0.0 };
+            response[(n, i)] = factor * ((1.0 - part) * now + part * before);
+        }
+    }
+    response
 }
 
 /// The delays where commands wait so.

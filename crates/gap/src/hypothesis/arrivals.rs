@@ -16,11 +16,11 @@
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::arrival_equations::{Linear, improbable, information, linear, solve};
+use super::arrival_equations::{Linear, Solved, improbable, information, linear, solve};
 use super::arrival_law::{Settled, is_disturbance, spread, waits};
 use super::direction::with;
 use super::effects::{Dropouts, Hypothesis};
-use super::queue::waiting_for;
+use super::queue::{Waiting, waiting_for};
 use super::response::response;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::Likelihood;
@@ -49,83 +49,13 @@ pub(super) fn decode(
     lost: &mut Dropouts,
 ) -> Option<Applied> {
     let step_s = likelihood.records.iter().find(|r| r.train.is_some())?.sample_time_s;
-    let mut present = lost.clone();
-    for (at, record) in likelihood.records.iter().enumerate() {
-        if !matches!(present.sequences[at][input], Some(Fates::Late(_))) {
-            present.sequences[at][input] =
-                Some(Fates::Late(vec![late.values[0]; record.time_s.len()]));
-        }
-    }
     let responses = responses(likelihood, others, input)?;
-    // The mean wait of a sequence decoded before; else the common delay.
-    let known_before = lost.sequences.iter().any(|s| s[input].is_some());
-    let mut wait_s = if known_before { waits(late, step_s)?.mean_s } else { late.values[0] };
-    // The current place of the search, and the best so far; costs are those by the equations there.
-    let mut here = Place { late: late.clone(), known: present.clone(), cost: f64::INFINITY };
-    let mut best: Option<Place> = None;
-    for pass in 0..PASSES {
-        let effects: Vec<Applied> = others.iter().cloned().chain([here.late.clone()]).collect();
-        let active = ActiveEffects { effects: &effects, lost: Some(&here.known.sequences) };
-        let linear = |at: usize| linear(likelihood, active, at, input, &responses[at]);
-        let records: Vec<Linear> =
-            (0..likelihood.records.len()).into_par_iter().map(linear).collect::<Option<_>>()?;
-        let (chosen, waiting) = spread(&records, &here.late, wait_s, step_s, pass == 0)?;
-        let solved = solve(&records, &waiting)?;
-        let information = information(&records, &waiting)?;
-        let law = waiting_for(solved.mean_s, chosen.spread_s, chosen.ordered, step_s)
-            .map_or(chosen, |(law, _)| law);
-        let count =
-            records.iter().filter(|r| r.trained).map(|r| r.sent.len()).sum::<usize>().max(2) as f64;
-        let law = with(&here.late, &[law.delay_s, law.spread_s, here.late.values[2]]);
-        // The way there, or a part of it: the response to a delay is another one once the delay is there.
-        let tried = |part: f64| {
-            let mut there = present.clone();
-            let mut improbability = 0.0;
-            for (at, record) in records.iter().enumerate() {
-                let way = record.delays.iter().zip(&solved.delays[at]);
-                let delays: Vec<f64> = way.map(|(now, then)| now + part * (then - now)).collect();
-                let apart: Vec<f64> = delays.iter().map(|d| d - solved.mean_s).collect();
-                improbability +=
-                    if record.trained { improbable(&apart, record, &waiting) } else { 0.0 };
-                there.sequences[at][input] =
-                    Some(Fates::Late(record.of_all(&delays, &likelihood.records[at].time_s)));
-            }
-            there.price = lost.price + solved.freedom + improbability + count.ln();
-            there.followed = information.noise;
-            let effects: Vec<Applied> = others.iter().cloned().chain([law.clone()]).collect();
-            let whitened = likelihood
-                .whitened(ActiveEffects { effects: &effects, lost: Some(&there.sequences) })?;
-            Some(Place {
-                cost: likelihood.inner(&whitened, &whitened) + there.price,
-                late: law.clone(),
-                known: there,
-            })
-        };
-        let stood = tried(0.0)?;
-        let lowest = stood.cost;
-        if (pass > 0 || known_before) && best.as_ref().is_none_or(|b| lowest < b.cost) {
-            best = Some(stood);
-        }
-        let Some(next) = PARTS.into_iter().filter_map(tried).find(|next| next.cost < lowest) else {
-            break;
-        };
-        wait_s = solved.mean_s;
-        let settled = next.cost > (1.0 - SETTLED) * lowest;
-        here = next;
-        if settled || pass + 1 == PASSES {
-            best = best.filter(|b| b.cost <= here.cost).or(Some(here));
-            break;
-        }
-    }
-    let Place { late, known, .. } = best?;
+    let search = Search { likelihood, others, input, step_s, responses, price: lost.price };
+    let Place { late, known, .. } = search.best(late, lost)?;
     if with_time(likelihood, input, &known) > BY_CHANCE {
         return None;
     }
-    let effects: Vec<Applied> = others.iter().cloned().chain([late.clone()]).collect();
-    let active = ActiveEffects { effects: &effects, lost: Some(&known.sequences) };
-    let linear = |at: usize| linear(likelihood, active, at, input, &responses[at]);
-    let records: Vec<Linear> =
-        (0..likelihood.records.len()).into_par_iter().map(linear).collect::<Option<_>>()?;
+    let records = search.equations(&late, &known)?;
     if is_disturbance(&records, waits(&late, step_s)?.mean_s) {
         return None;
     }
@@ -137,11 +67,128 @@ pub(super) fn decode(
     Some(with(&late, &[law.delay_s, law.spread_s, late.values[2]]))
 }
 
+/// The search for the delays of one input, given the other effects.
+struct Search<'a> {
+    likelihood: &'a Likelihood<'a>,
+    others: &'a [Applied],
+    input: usize,
+    step_s: f64,
+    /// Per record the whitened response to one held sample of one unit.
+    responses: Vec<DMatrix<f64>>,
+    /// The price of the latent sequences of the other inputs.
+    price: f64,
+}
+
 /// A place in the search for delays.
 struct Place {
     late: Applied,
     known: Dropouts,
     cost: f64,
+}
+
+/// The solution of the linear equations about a place.
+struct Solution {
+    records: Vec<Linear>,
+    waiting: Waiting,
+    solved: Solved,
+    /// The effective number of noise values that the delays fit.
+    followed: f64,
+    /// The law of the delays.
+    law: Applied,
+}
+
+impl Search<'_> {
+    /// The place of the lowest cost, from the delays of a sequence decoded before or from the common delay.
+    fn best(&self, late: &Applied, lost: &Dropouts) -> Option<Place> {
+        // The mean wait of a sequence decoded before; else the common delay.
+        let known_before = lost.sequences.iter().any(|s| s[self.input].is_some());
+        let mut wait_s =
+            if known_before { waits(late, self.step_s)?.mean_s } else { late.values[0] };
+        // The current place of the search, and the best so far; costs are those by the equations there.
+        let mut here = self.first_place(late, lost);
+        let mut best: Option<Place> = None;
+        for pass in 0..PASSES {
+            let solution = self.solution(&here, wait_s, pass == 0)?;
+            let stood = self.place(&here, &solution, 0.0)?;
+            let lowest = stood.cost;
+            if (pass > 0 || known_before) && best.as_ref().is_none_or(|b| lowest < b.cost) {
+                best = Some(stood);
+            }
+            let tried = |part| self.place(&here, &solution, part);
+            let Some(next) = PARTS.into_iter().filter_map(tried).find(|next| next.cost < lowest)
+            else {
+                break;
+            };
+            wait_s = solution.solved.mean_s;
+            let settled = next.cost > (1.0 - SETTLED) * lowest;
+            here = next;
+            if settled || pass + 1 == PASSES {
+                best = best.filter(|b| b.cost <= here.cost).or(Some(here));
+                break;
+            }
+        }
+        best
+    }
+
+    /// The place where the search begins: the delays that are known, the common delay in other records.
+    fn first_place(&self, late: &Applied, lost: &Dropouts) -> Place {
+        let mut known = lost.clone();
+        for (sequences, record) in known.sequences.iter_mut().zip(self.likelihood.records) {
+            let sequence = &mut sequences[self.input];
+            if !matches!(sequence, Some(Fates::Late(_))) {
+                *sequence = Some(Fates::Late(vec![late.values[0]; record.time_s.len()]));
+            }
+        }
+        Place { late: late.clone(), known, cost: f64::INFINITY }
+    }
+
+    /// All effects with this law of the delays.
+    fn effects(&self, late: &Applied) -> Vec<Applied> {
+        self.others.iter().cloned().chain([late.clone()]).collect()
+    }
+
+    /// The linear equations of all records about known delays.
+    fn equations(&self, late: &Applied, known: &Dropouts) -> Option<Vec<Linear>> {
+        let effects = self.effects(late);
+        let active = ActiveEffects { effects: &effects, lost: Some(&known.sequences) };
+        let one = |at| linear(self.likelihood, active, at, self.input, &self.responses[at]);
+        (0..self.likelihood.records.len()).into_par_iter().map(one).collect()
+    }
+
+    /// The solution of the equations about a place, for the most probable spread about a mean wait.
+    fn solution(&self, here: &Place, wait_s: f64, first: bool) -> Option<Solution> {
+        let records = self.equations(&here.late, &here.known)?;
+        let (chosen, waiting) = spread(&records, &here.late, wait_s, self.step_s, first)?;
+        let solved = solve(&records, &waiting)?;
+        let followed = information(&records, &waiting)?.noise;
+        let law = waiting_for(solved.mean_s, chosen.spread_s, chosen.ordered, self.step_s)
+            .map_or(chosen, |(law, _)| law);
+        let law = with(&here.late, &[law.delay_s, law.spread_s, here.late.values[2]]);
+        Some(Solution { records, waiting, solved, followed, law })
+    }
+
+    /// The place on a part of the way to the solution: the response to a delay is another one once the delay is there.
+    fn place(&self, here: &Place, solution: &Solution, part: f64) -> Option<Place> {
+        let Solution { records, waiting, solved, followed, law } = solution;
+        let mut there = here.known.clone();
+        let mut improbability = 0.0;
+        for (at, record) in records.iter().enumerate() {
+            let way = record.delays.iter().zip(&solved.delays[at]);
+            let delays: Vec<f64> = way.map(|(now, then)| now + part * (then - now)).collect();
+            let apart: Vec<f64> = delays.iter().map(|d| d - solved.mean_s).collect();
+            improbability += if record.trained { improbable(&apart, record, waiting) } else { 0.0 };
+            there.sequences[at][self.input] =
+                Some(Fates::Late(record.of_all(&delays, &self.likelihood.records[at].time_s)));
+        }
+        let sent = records.iter().filter(|r| r.trained).map(|r| r.sent.len()).sum::<usize>();
+        there.price = self.price + solved.freedom + improbability + (sent.max(2) as f64).ln();
+        there.followed = *followed;
+        let effects = self.effects(law);
+        let active = ActiveEffects { effects: &effects, lost: Some(&there.sequences) };
+        let whitened = self.likelihood.whitened(active)?;
+        let cost = self.likelihood.inner(&whitened, &whitened) + there.price;
+        Some(Place { late: law.clone(), known: there, cost })
+    }
 }
 
 /// The part of the variance of all delays on the training logs that follows time: a straight line, or a step between two levels.

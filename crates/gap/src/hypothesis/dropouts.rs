@@ -13,7 +13,7 @@ use super::arrivals;
 use super::direction::with;
 use super::effects::{Dropouts, Hypothesis};
 use super::response::{response, static_value};
-use super::sequence::{Path, search};
+use super::sequence::{Decision, Path, search};
 use super::waits::{Bursts, Wait};
 use crate::input::record::LogRecord;
 use crate::likelihood::active_effects::ActiveEffects;
@@ -81,67 +81,25 @@ fn decode_input(
     input: usize,
     probability: f64,
 ) -> Option<[f64; 2]> {
-    let (mut decided, mut held) = (0.0_f64, 0.0_f64);
-    // Losses whose end does not show.
-    let mut cut: Vec<Wait> = Vec::new();
-    let decode = |(at, record): (usize, &LogRecord)| {
-        let span = record.estimated_from()?;
-        let active = ActiveEffects { effects: others, lost: Some(&lost.sequences) };
-        let residual =
-            likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?);
-        let plan = likelihood.plan(others, Chance::Mean)?;
-        let through = |v: f64| static_value(&plan.inputs[input], v);
-        let response = response(likelihood, at, others, input)?;
-        let (e, g) = (likelihood.whiten_whole(at, &residual), likelihood.filter(at, &response));
-        Some((
-            search(
-                &record.inputs[input],
-                &through,
-                &e,
-                &g,
-                probability,
-                likelihood.budget.sequences,
-            ),
-            g.norm_squared(),
-        ))
-    };
+    let decode = |at| sequence(likelihood, others, lost, (at, input), probability);
     let paths: Vec<(Path, f64)> =
-        likelihood.records.par_iter().enumerate().map(decode).collect::<Option<_>>()?;
+        (0..likelihood.records.len()).into_par_iter().map(decode).collect::<Option<_>>()?;
+    let mut evidence = Evidence::default();
     for (at, (path, energy)) in paths.into_iter().enumerate() {
-        let counts =
-            if likelihood.records[at].train.is_some() { path.decisions.as_slice() } else { &[] };
         let record = &likelihood.records[at];
-        let (mut wait, mut sent): (usize, Option<usize>) = (0, None);
-        // Samples since a command was seen to arrive.
-        let mut rested: Option<usize> = None;
-        for decision in counts {
-            lost.price -=
-                2.0 * if decision.lost { probability.ln() } else { (1.0 - probability).ln() };
-            let shows = decision.difference.powi(2) * energy > likelihood.criteria.decided.powi(2);
-            if shows {
-                decided += 1.0;
-                held += if decision.lost { 1.0 } else { 0.0 };
+        if record.train.is_some() {
+            for decision in &path.decisions {
+                lost.price -=
+                    2.0 * if decision.lost { probability.ln() } else { (1.0 - probability).ln() };
             }
-            if shows && decision.lost {
-                sent = sent.or(Some(decision.sample));
-                wait += 1;
-                continue;
-            }
-            let sent_s = record.time_s[sent.unwrap_or(decision.sample)];
-            let this = Wait { sent_s, samples: wait, rested, sample_time_s: record.sample_time_s };
-            match (shows, wait) {
-                (true, _) => lost.waits[input].push(this),
-                (false, 0) => {}
-                (false, _) => cut.push(this),
-            }
-            rested = if shows { Some(0) } else { rested.map(|samples| samples + 1) };
-            (wait, sent) = (0, None);
-        }
-        if let Some(sent_s) = sent.map(|at| record.time_s[at]) {
-            cut.push(Wait { sent_s, samples: wait, rested, sample_time_s: record.sample_time_s });
+            let shows = |decision: &Decision| {
+                decision.difference.powi(2) * energy > likelihood.criteria.decided.powi(2)
+            };
+            evidence.add(record, &path.decisions, shows, &mut lost.waits[input]);
         }
         lost.sequences[at][input] = Some(Fates::Missing(path.lost));
     }
+    let Evidence { decided, held, cut } = evidence;
     if decided < likelihood.criteria.decisions {
         return None;
     }
@@ -153,4 +111,75 @@ fn decode_input(
     };
     lost.std[input] = std.to_vec();
     Some([losses.probability, losses.burst.unwrap_or(f64::INFINITY)])
+}
+
+/// The most probable sequence of one input over one record, and the energy of the response to one held sample.
+fn sequence(
+    likelihood: &Likelihood<'_>,
+    others: &[Applied],
+    lost: &Dropouts,
+    (at, input): (usize, usize),
+    probability: f64,
+) -> Option<(Path, f64)> {
+    let record = &likelihood.records[at];
+    let span = record.estimated_from()?;
+    let active = ActiveEffects { effects: others, lost: Some(&lost.sequences) };
+    let residual = likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?);
+    let plan = likelihood.plan(others, Chance::Mean)?;
+    let through = |v: f64| static_value(&plan.inputs[input], v);
+    let response = response(likelihood, at, others, input)?;
+    let (e, g) = (likelihood.whiten_whole(at, &residual), likelihood.filter(at, &response));
+    let kept = likelihood.budget.sequences;
+    let path = search(&record.inputs[input], &through, &e, &g, probability, kept);
+    Some((path, g.norm_squared()))
+}
+
+/// The evidence of decisions on losses.
+#[derive(Default)]
+struct Evidence {
+    /// The number of decisions that show, and of the losses among them.
+    decided: f64,
+    held: f64,
+    /// Losses whose end does not show.
+    cut: Vec<Wait>,
+}
+
+impl Evidence {
+    /// Adds the decisions on one record, in the order of time; `waits`: those of commands that show.
+    fn add(
+        &mut self,
+        record: &LogRecord,
+        decisions: &[Decision],
+        shows: impl Fn(&Decision) -> bool,
+        waits: &mut Vec<Wait>,
+    ) {
+        let (mut wait, mut sent): (usize, Option<usize>) = (0, None);
+        // Samples since a command was seen to arrive.
+        let mut rested: Option<usize> = None;
+        for decision in decisions {
+            let shows = shows(decision);
+            if shows {
+                self.decided += 1.0;
+                self.held += if decision.lost { 1.0 } else { 0.0 };
+            }
+            if shows && decision.lost {
+                sent = sent.or(Some(decision.sample));
+                wait += 1;
+                continue;
+            }
+            let sent_s = record.time_s[sent.unwrap_or(decision.sample)];
+            let this = Wait { sent_s, samples: wait, rested, sample_time_s: record.sample_time_s };
+            match (shows, wait) {
+                (true, _) => waits.push(this),
+                (false, 0) => {}
+                (false, _) => self.cut.push(this),
+            }
+            rested = if shows { Some(0) } else { rested.map(|samples| samples + 1) };
+            (wait, sent) = (0, None);
+        }
+        if let Some(sent_s) = sent.map(|at| record.time_s[at]) {
+            let sample_time_s = record.sample_time_s;
+            self.cut.push(Wait { sent_s, samples: wait, rested, sample_time_s });
+        }
+    }
 }

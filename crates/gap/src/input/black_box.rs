@@ -89,6 +89,34 @@ struct Probe<'a> {
 /// A difference of answers, per sample the largest over the outputs in units of how far they move.
 type Response = Vec<f64>;
 
+impl<'a> Probe<'a> {
+    /// On the longest log; `None` without logs. The nominal model must run on all logs, and repeat its answer.
+    fn of(
+        system: &'a System,
+        memory: &Remembered,
+        parameters: &[f64],
+        records: &'a [LogRecord],
+    ) -> Result<Option<Self>> {
+        let plan = Plan::new(system);
+        let mut answers = nominal_answers(system, &plan, records)?;
+        let Some(at) = (0..records.len()).max_by_key(|&at| records[at].time_s.len()) else {
+            return Ok(None);
+        };
+        let record = &records[at];
+        let nominal = answers.swap_remove(at);
+        let moves = |i: usize| {
+            let measured: Vec<f64> =
+                (0..record.time_s.len()).filter_map(|k| record.measured[i].get(k)).collect();
+            spread(&measured).max(f64::MIN_POSITIVE)
+        };
+        let spread: Vec<f64> = (0..system.outputs.len()).map(moves).collect();
+        let resolution = same_twice(system, memory, record, &nominal, parameters)?;
+        let mut probe = Self { system, plan, record, nominal, spread, resolution };
+        probe.resolution = probe.coarser_resolution();
+        Ok(Some(probe))
+    }
+}
+
 impl Probe<'_> {
     fn run(&self, inputs: &[Vec<f64>], x0: &[f64], plan: &Plan) -> Option<DMatrix<f64>> {
         let commands = Commands { time_s: &self.record.time_s, inputs };
@@ -156,6 +184,104 @@ impl Probe<'_> {
         inputs[at].iter_mut().take(samples).for_each(|v| *v += PUSH * spread);
         inputs
     }
+
+    /// Per output, the larger of the resolution so far and the response to a change of the inputs that only rounding could magnify.
+    fn coarser_resolution(&self) -> Vec<f64> {
+        let inputs = self.record.inputs.iter();
+        let finer: Vec<Vec<f64>> =
+            inputs.map(|u| u.iter().map(|v| v * (1.0 + FINE)).collect()).collect();
+        let fine = self.run(&finer, &self.record.start, &self.plan);
+        let one = |(i, repeated): (usize, &f64)| {
+            let moved =
+                fine.as_ref().map_or(0.0, |y| (y.column(i) - self.nominal.column(i)).amax());
+            repeated.max(moved)
+        };
+        self.resolution.iter().enumerate().map(one).collect()
+    }
+
+    /// The caveat on an output that rounding moves; an error where it moves as far as to leave the log.
+    fn roughness(&self) -> Result<Option<Caveat>> {
+        let coarse = self.resolution.iter().zip(&self.spread).map(|(r, s)| r / s).enumerate();
+        let Some((i, coarse)) =
+            coarse.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, coarse)| *coarse > ROUGH)
+        else {
+            return Ok(None);
+        };
+        if coarse > LOST {
+            let (log, factor) = (self.record.name.clone(), coarse / FINE);
+            return Err(GapError::Unstable { log, factor }.into());
+        }
+        let output = self.system.outputs[i].name.clone();
+        Ok(Some(Caveat::Rough { output, percent: format!("{:.2}", 100.0 * coarse) }))
+    }
+
+    /// The responses to a short perturbation of every input; reports inputs that move nothing.
+    fn input_responses(&self, found: &mut Probed) -> Vec<Response> {
+        let samples = self.record.time_s.len();
+        let mut responses = Vec::new();
+        for (j, input) in self.system.inputs.iter().enumerate() {
+            let short = self.pushed(&self.input(j, (samples / LASTS.0).max(LASTS.1)));
+            let moved = short.as_ref().is_some_and(|r| largest(r) > 0.0);
+            if !moved && self.pushed(&self.input(j, samples)).is_some_and(|r| largest(&r) == 0.0) {
+                found.idle_inputs.push(input.name.clone());
+                found.caveats.push(Caveat::InputMovesNothing { input: input.name.clone() });
+            }
+            responses.extend(short);
+        }
+        responses
+    }
+
+    /// The responses to a perturbation of every initial state, and the largest growth of one of them in a free run.
+    fn start_responses(
+        &self,
+        runs_freely: bool,
+        found: &mut Probed,
+    ) -> Result<(Vec<Response>, Option<f64>)> {
+        let mut responses = Vec::new();
+        let mut grown: Option<f64> = None;
+        for (j, state) in self.system.states.iter().enumerate() {
+            let (size, response) = start(self, j);
+            if size == 0.0 {
+                found.caveats.push(Caveat::StartMovesNothing { state: state.name.clone() });
+            }
+            // A start that is fitted in every window may be off by as much as the state moves at all.
+            let logged =
+                self.record.states.get(j).and_then(Option::as_ref).map_or(0.0, |x| spread(x));
+            found.states.push(if size > 0.0 { size.max(logged) } else { 0.0 });
+            let factor = response.as_deref().and_then(risen).filter(|_| runs_freely);
+            grown = factor.into_iter().chain(grown).reduce(f64::max);
+            if let Some(factor) = factor.filter(|f| *f > UNSTABLE && self.misses() > FAR) {
+                let log = self.record.name.clone();
+                return Err(GapError::Unstable { log, factor }.into());
+            }
+            responses.extend(response);
+        }
+        Ok((responses, grown))
+    }
+
+    /// The caveat on a free run that leaves the log; `grown`: the largest growth of a response to an initial state.
+    fn left_the_log(&self, grown: Option<f64>) -> Option<Caveat> {
+        let (i, times) = self.lost()?;
+        let grown = grown.filter(|g| *g > GROWS);
+        (self.system.states.is_empty() || times > FAR_OFF || grown.is_some()).then(|| {
+            Caveat::LeftTheLog {
+                output: self.system.outputs[i].name.clone(),
+                times: format!("{times:.1}"),
+                grown: grown.map(|g| format!("{g:.0}")),
+                states: Remedy::States.into(),
+            }
+        })
+    }
+
+    /// The names of the parameters that move nothing.
+    fn idle_parameters(&self) -> Vec<String> {
+        let still = |at: usize, share: f64| {
+            self.with_parameter(at, share).is_some_and(|r| largest(&r) == 0.0)
+        };
+        let idle = |(at, _): &(usize, _)| still(*at, TENTH) && still(*at, -TENTH);
+        let ports = self.system.parameters.iter().enumerate();
+        ports.filter(idle).map(|(_, port)| port.name.clone()).collect()
+    }
 }
 
 /// The growth of a response to another initial state, over its first part.
@@ -204,120 +330,48 @@ pub(crate) fn probe(
     let (Some(memory), Dynamics::BlackBox(_, parameters)) = (memory, &system.dynamics) else {
         return Ok(None);
     };
-    let plan = Plan::new(system);
+    let Some(probe) = Probe::of(system, memory, parameters, records)? else {
+        return Ok(None);
+    };
+    let mut found = Probed::default();
+    found.caveats.extend(probe.roughness()?);
+    let mut responses = probe.input_responses(&mut found);
+    let (more, grown) = probe.start_responses(restarted.is_none(), &mut found)?;
+    responses.extend(more);
+    if system.states.is_empty() {
+        found.caveats.push(Caveat::NoStart);
+    }
+    if restarted.is_none() {
+        found.caveats.extend(probe.left_the_log(grown));
+    }
+    found.idle_parameters = probe.idle_parameters();
+    let idle = found.idle_parameters.iter().cloned();
+    found.caveats.extend(idle.map(|parameter| Caveat::ParameterMovesNothing { parameter }));
+    match restarted {
+        Some((every_s, why)) => {
+            found.settling_s = every_s.min(0.1 * probe.record.duration_s());
+            found.why = why;
+        }
+        None => forgetting(probe.record, &responses, &mut found)?,
+    }
+    found.resolution = probe.resolution;
+    Ok(Some(found))
+}
+
+/// The outputs of the nominal model on all logs.
+fn nominal_answers(
+    system: &System,
+    plan: &Plan,
+    records: &[LogRecord],
+) -> Result<Vec<DMatrix<f64>>> {
     let mut answers = Vec::new();
     for record in records {
-        let run = system.simulate(&plan, record.commands(), &record.start, None);
+        let run = system.simulate(plan, record.commands(), &record.start, None);
         answers.push(
             run.map_err(|e| GapError::Nominal { log: record.name.clone(), why: e.to_string() })?.y,
         );
     }
-    let Some(at) = (0..records.len()).max_by_key(|&at| records[at].time_s.len()) else {
-        return Ok(None);
-    };
-    let record = &records[at];
-    let nominal = answers.swap_remove(at);
-    let moves = |i: usize| {
-        let measured: Vec<f64> =
-            (0..record.time_s.len()).filter_map(|k| record.measured[i].get(k)).collect();
-        spread(&measured).max(f64::MIN_POSITIVE)
-    };
-    let spread: Vec<f64> = (0..system.outputs.len()).map(moves).collect();
-    let resolution = same_twice(system, memory, record, &nominal, parameters)?;
-    let mut probe = Probe {
-        system,
-        plan,
-        record,
-        nominal,
-        spread,
-        resolution: vec![0.0; system.outputs.len()],
-    };
-    let mut found = Probed::default();
-    // As fine as a change of the inputs that only rounding could magnify.
-    let finer: Vec<Vec<f64>> =
-        record.inputs.iter().map(|u| u.iter().map(|v| v * (1.0 + FINE)).collect()).collect();
-    let fine = probe.run(&finer, &record.start, &probe.plan);
-    for (i, repeated) in resolution.into_iter().enumerate() {
-        let moved = fine.as_ref().map_or(0.0, |y| (y.column(i) - probe.nominal.column(i)).amax());
-        probe.resolution[i] = repeated.max(moved);
-    }
-    if let Some((i, coarse)) = probe
-        .resolution
-        .iter()
-        .zip(&probe.spread)
-        .map(|(r, s)| r / s)
-        .enumerate()
-        .max_by(|a, b| a.1.total_cmp(&b.1))
-        && coarse > ROUGH
-    {
-        if coarse > LOST {
-            return Err(
-                GapError::Unstable { log: record.name.clone(), factor: coarse / FINE }.into()
-            );
-        }
-        found.caveats.push(Caveat::Rough {
-            output: system.outputs[i].name.clone(),
-            percent: format!("{:.2}", 100.0 * coarse),
-        });
-    }
-    let mut responses: Vec<Response> = Vec::new();
-    let mut grown: Option<f64> = None;
-    let samples = record.time_s.len();
-    for (j, input) in system.inputs.iter().enumerate() {
-        let short = probe.pushed(&probe.input(j, (samples / LASTS.0).max(LASTS.1)));
-        let moved = short.as_ref().is_some_and(|r| largest(r) > 0.0);
-        if !moved && probe.pushed(&probe.input(j, samples)).is_some_and(|r| largest(&r) == 0.0) {
-            found.idle_inputs.push(input.name.clone());
-            found.caveats.push(Caveat::InputMovesNothing { input: input.name.clone() });
-        }
-        responses.extend(short);
-    }
-    for j in 0..system.states.len() {
-        let (size, response) = start(&probe, j);
-        if size == 0.0 {
-            found.caveats.push(Caveat::StartMovesNothing { state: system.states[j].name.clone() });
-        }
-        // A start that is fitted in every window may be off by as much as the state moves at all.
-        let logged = record.states.get(j).and_then(Option::as_ref).map_or(0.0, |x| self::spread(x));
-        found.states.push(if size > 0.0 { size.max(logged) } else { 0.0 });
-        let factor = response.as_deref().and_then(risen).filter(|_| restarted.is_none());
-        grown = factor.into_iter().chain(grown).reduce(f64::max);
-        if let Some(factor) = factor.filter(|f| *f > UNSTABLE && probe.misses() > FAR) {
-            return Err(GapError::Unstable { log: record.name.clone(), factor }.into());
-        }
-        responses.extend(response);
-    }
-    if system.states.is_empty() {
-        found.caveats.push(Caveat::NoStart);
-    }
-    if restarted.is_none()
-        && let Some((i, times)) = probe.lost()
-        && (system.states.is_empty() || times > FAR_OFF || grown.is_some_and(|g| g > GROWS))
-    {
-        let (output, grown) = (
-            system.outputs[i].name.clone(),
-            grown.filter(|g| *g > GROWS).map(|g| format!("{g:.0}")),
-        );
-        let (times, states) = (format!("{times:.1}"), Remedy::States.into());
-        found.caveats.push(Caveat::LeftTheLog { output, times, grown, states });
-    }
-    for (at, port) in system.parameters.iter().enumerate() {
-        let still =
-            |share: f64| probe.with_parameter(at, share).is_some_and(|r| largest(&r) == 0.0);
-        if still(TENTH) && still(-TENTH) {
-            found.idle_parameters.push(port.name.clone());
-            found.caveats.push(Caveat::ParameterMovesNothing { parameter: port.name.clone() });
-        }
-    }
-    match restarted {
-        Some((every_s, why)) => {
-            found.settling_s = every_s.min(0.1 * record.duration_s());
-            found.why = why;
-        }
-        None => forgetting(record, &responses, &mut found)?,
-    }
-    found.resolution = probe.resolution;
-    Ok(Some(found))
+    Ok(answers)
 }
 
 /// Per output, the difference of two answers to the same call.

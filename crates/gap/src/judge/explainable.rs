@@ -54,15 +54,7 @@ pub(crate) fn shares(
     let outputs = residuals.first().map_or(0, DMatrix::ncols);
     let rows = rows(likelihood);
     let Some(base) = stacked(likelihood, active, None, &rows) else { return vec![0.0; outputs] };
-    let others = catalogue.iter().filter(|a| active.effects.iter().all(|e| e.key() != a.key()));
-    let tried: Vec<Applied> = others
-        .flat_map(|a| {
-            let starts = likelihood.first_guesses(a, scales);
-            let every = starts.len().div_ceil(EACH).max(1);
-            starts.into_iter().step_by(every).map(|start| with(a, &start)).collect::<Vec<_>>()
-        })
-        .collect();
-    let finite = |moved: DMatrix<f64>| moved.iter().all(|v| v.is_finite()).then_some(moved);
+    let tried = further_effects(likelihood, active, catalogue, scales);
     let signatures = |given: ActiveEffects<'_>, without: &DMatrix<f64>| -> Vec<DMatrix<f64>> {
         let signature = |applied: &Applied| {
             let effects: Vec<Applied> =
@@ -82,17 +74,7 @@ pub(crate) fn shares(
         columns.extend(model);
     }
     if likelihood.system.is_black_box() {
-        let own = own_directions(active);
-        columns.par_extend(
-            own.par_iter()
-                .filter_map(|e| finite(stacked(likelihood, active.with(e), None, &rows)? - &base)),
-        );
-        let pushed = perturbations(likelihood, active, catalogue);
-        columns.par_extend(
-            pushed
-                .par_iter()
-                .filter_map(|u| finite(stacked(likelihood, active, Some(u), &rows)? - &base)),
-        );
+        columns.extend(substitutes(likelihood, active, catalogue, &rows, &base));
     }
     // Regressors without information reduce the weight of the others: the larger share counts, with the forces or without.
     let without_forces = columns.len();
@@ -103,10 +85,8 @@ pub(crate) fn shares(
             let there: Vec<usize> = (0..rows.len())
                 .filter(|&r| likelihood.records[rows[r].0].measured[i].get(rows[r].1).is_some())
                 .collect();
-            let left = DVector::from_iterator(
-                there.len(),
-                there.iter().map(|&r| residuals[rows[r].0][(rows[r].1, i)]),
-            );
+            let left = there.iter().map(|&r| residuals[rows[r].0][(rows[r].1, i)]);
+            let left = DVector::from_iterator(there.len(), left);
             let by = |columns: &[DMatrix<f64>]| {
                 let regressors = DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| {
                     if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] }
@@ -117,6 +97,50 @@ pub(crate) fn shares(
             if columns.len() > without_forces { share.max(by(&columns)) } else { share }
         })
         .collect()
+}
+
+/// The effects of the catalogue that are not active, each at its first guesses.
+fn further_effects(
+    likelihood: &Likelihood<'_>,
+    active: ActiveEffects<'_>,
+    catalogue: &[Applied],
+    scales: &Scales,
+) -> Vec<Applied> {
+    let others = catalogue.iter().filter(|a| active.effects.iter().all(|e| e.key() != a.key()));
+    others
+        .flat_map(|a| {
+            let starts = likelihood.first_guesses(a, scales);
+            let every = starts.len().div_ceil(EACH).max(1);
+            starts.into_iter().step_by(every).map(|start| with(a, &start)).collect::<Vec<_>>()
+        })
+        .collect()
+}
+
+/// The regressors that replace effects on equations of a black box: directions of the active parameters, and perturbations of the inputs.
+fn substitutes(
+    likelihood: &Likelihood<'_>,
+    active: ActiveEffects<'_>,
+    catalogue: &[Applied],
+    rows: &[(usize, usize)],
+    base: &DMatrix<f64>,
+) -> Vec<DMatrix<f64>> {
+    let own = own_directions(active);
+    let mut columns: Vec<DMatrix<f64>> = own
+        .par_iter()
+        .filter_map(|e| finite(stacked(likelihood, active.with(e), None, rows)? - base))
+        .collect();
+    let pushed = perturbations(likelihood, active, catalogue);
+    columns.par_extend(
+        pushed
+            .par_iter()
+            .filter_map(|u| finite(stacked(likelihood, active, Some(u), rows)? - base)),
+    );
+    columns
+}
+
+/// A regressor; `None` where a value of it is not finite.
+fn finite(moved: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    moved.iter().all(|v| v.is_finite()).then_some(moved)
 }
 
 /// The model's own prediction with delays an octave apart, up to the length of a block. A weighted sum of these copies responds like a machine with its own

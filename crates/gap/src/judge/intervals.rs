@@ -12,6 +12,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::hypothesis::direction::difference;
 use crate::hypothesis::effects::Hypothesis;
 use crate::hypothesis::shared_time::put;
+use crate::hypothesis::slopes::Slopes;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, EFFECTS, Role, Scales};
@@ -88,109 +89,171 @@ fn nominal_columns(
     }
 }
 
-/// The standard deviations of a fit without recalibration whose nominal parameters may be off: from one Gauss-Newton step of all together.
-pub(crate) fn estimate(
-    likelihood: &Likelihood<'_>,
-    hypothesis: &Hypothesis,
-    scales: &Scales,
-) -> Option<Estimate> {
-    let slopes = hypothesis.slopes(likelihood, scales)?;
-    let own = slopes.columns.len();
-    let prior = hypothesis.prior(likelihood);
-    let mut columns = slopes.columns;
-    let (nominal, more): (Vec<Applied>, Vec<Whitened>) =
-        nominal_columns(likelihood, hypothesis, &slopes.residual).into_iter().unzip();
-    columns.extend(more);
-    // Scaled to unit length, for conditioning.
-    let length: Vec<f64> = columns.iter().map(|c| likelihood.inner(c, c).sqrt()).collect();
-    if length[..own]
-        .iter()
-        .any(|l| l.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) || !l.is_finite())
-    {
-        return None;
+/// The normal equations of the free parameters and the nominal ones together; every column is scaled to unit length, for conditioning.
+struct Equations {
+    /// The number of free parameters, which are the first.
+    own: usize,
+    /// The length of every column before the scaling.
+    length: Vec<f64>,
+    gram: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+impl Equations {
+    /// `None` where a free parameter moves nothing.
+    fn new(
+        likelihood: &Likelihood<'_>,
+        columns: &[Whitened],
+        residual: &Whitened,
+        own: usize,
+    ) -> Option<Self> {
+        let length: Vec<f64> = columns.iter().map(|c| likelihood.inner(c, c).sqrt()).collect();
+        if length[..own]
+            .iter()
+            .any(|l| l.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) || !l.is_finite())
+        {
+            return None;
+        }
+        let all = columns.len();
+        let gram = DMatrix::from_fn(all, all, |i, j| {
+            if length[i] * length[j] > 0.0 {
+                likelihood.inner(&columns[i], &columns[j]) / (length[i] * length[j])
+            } else {
+                0.0
+            }
+        });
+        let gradient = DVector::from_fn(all, |i, _| {
+            if length[i] > 0.0 { likelihood.inner(&columns[i], residual) / length[i] } else { 0.0 }
+        });
+        Some(Self { own, length, gram, gradient })
     }
-    let all = columns.len();
-    let gram = DMatrix::from_fn(all, all, |i, j| {
-        if length[i] * length[j] > 0.0 {
-            likelihood.inner(&columns[i], &columns[j]) / (length[i] * length[j])
-        } else {
-            0.0
-        }
-    });
-    let gradient = DVector::from_fn(all, |i, _| {
-        if length[i] > 0.0 {
-            likelihood.inner(&columns[i], &slopes.residual) / length[i]
-        } else {
-            0.0
-        }
-    });
-    let solve = |size: f64, precision: &[f64]| -> Option<(f64, DMatrix<f64>)> {
+
+    /// The evidence, as minus twice its logarithm, and the covariance for one prior size of the nominal parameters; `precision`: that of the free ones' prior.
+    fn solve(&self, size: f64, precision: &[f64]) -> Option<(f64, DMatrix<f64>)> {
+        let Self { own, length, .. } = self;
         // Nominal parameters have the precision 1/size², in units of their columns' length.
-        let mut information = gram.clone();
+        let mut information = self.gram.clone();
         let mut determinant = 0.0;
-        for i in 0..all {
-            information[(i, i)] += if i < own {
+        for i in 0..length.len() {
+            information[(i, i)] += if i < *own {
                 1e-12 + precision[i] / (length[i] * length[i])
             } else if size > 0.0 && length[i] > 0.0 {
                 let spread = size * length[i];
                 determinant += 2.0 * spread.ln();
                 spread.powi(-2)
             } else {
+                determinant += -(1e12_f64).ln();
                 1e12
             };
-            if i >= own && !(size > 0.0 && length[i] > 0.0) {
-                determinant += -(1e12_f64).ln();
-            }
         }
         let factor = information.cholesky()?;
-        let explained = gradient.dot(&factor.solve(&gradient));
+        let explained = self.gradient.dot(&factor.solve(&self.gradient));
         let log_determinant = 2.0 * factor.l().diagonal().iter().map(|d| d.ln()).sum::<f64>();
         Some((log_determinant + determinant - explained, factor.inverse()))
-    };
-    // The average over the sizes, each weighted by its evidence: the data often leave several.
-    let averaged = |precision: &[f64]| -> Option<DMatrix<f64>> {
-        let tried: Vec<_> = SIZES.iter().filter_map(|&size| solve(size, precision)).collect();
+    }
+
+    /// The average covariance over the prior sizes, each weighted by its evidence: the data often leave several.
+    fn averaged(&self, precision: &[f64]) -> Option<DMatrix<f64>> {
+        let tried: Vec<_> = SIZES.iter().filter_map(|&size| self.solve(size, precision)).collect();
         let least = tried.iter().map(|(evidence, _)| *evidence).reduce(f64::min)?;
         let weight = |evidence: f64| ((least - evidence) / 2.0).exp();
         let weights: f64 = tried.iter().map(|(evidence, _)| weight(*evidence)).sum();
         let of = |(evidence, covariance)| covariance * (weight(evidence) / weights);
         tried.into_iter().map(of).reduce(|sum, one: DMatrix<f64>| sum + one)
-    };
-    let precision: Vec<f64> = prior.iter().map(|(precision, _)| *precision).collect();
-    let covariance = averaged(&precision)?;
-    let held = |at: usize| covariance[(at, at)] * precision[at] / (length[at] * length[at]);
-    let wider =
-        prior_wider(&(0..own).filter(|&at| precision[at] > 0.0).map(held).collect::<Vec<_>>());
-    let covariance = averaged(&precision.iter().map(|p| p / (wider * wider)).collect::<Vec<_>>())?;
-    let mut step = -(&covariance * &gradient);
-    if !holds(likelihood, hypothesis, &nominal, &step, &length, &slopes.residual) {
-        step.fill(0.0);
     }
-    let blocks = block_scores(likelihood, &columns, &slopes.residual, &length, &step);
-    let spread = &covariance * &blocks * &covariance;
-    let cost = likelihood.inner(&slopes.residual, &slopes.residual);
-    let together = together(hypothesis, &precision, &length, [&covariance, &spread], &step);
-    let std = hypothesis.free.iter().enumerate().map(|(at, &parameter)| {
+
+    /// The covariance under a prior of the recalibrated parameters that is wider by the uncertainty of its size.
+    fn covariance(&self, precision: &[f64]) -> Option<DMatrix<f64>> {
+        let covariance = self.averaged(precision)?;
+        let held =
+            |at: usize| covariance[(at, at)] * precision[at] / (self.length[at] * self.length[at]);
+        let held: Vec<f64> = (0..self.own).filter(|&at| precision[at] > 0.0).map(held).collect();
+        let wider = prior_wider(&held);
+        self.averaged(&precision.iter().map(|p| p / (wider * wider)).collect::<Vec<_>>())
+    }
+}
+
+/// The joint fit of all parameters, in units of their columns' lengths.
+struct JointFit {
+    length: Vec<f64>,
+    covariance: DMatrix<f64>,
+    /// The covariance by the scores of blocks of time.
+    sandwich: DMatrix<f64>,
+    step: DVector<f64>,
+    /// The cost of the fit without recalibration.
+    cost: f64,
+}
+
+impl JointFit {
+    /// The standard deviation of a free parameter by its slopes.
+    fn std(&self, at: usize) -> f64 {
         // The shift of the parameter with free nominal parameters is part of the uncertainty.
-        let variance = covariance[(at, at)].max(spread[(at, at)]) + step[at] * step[at];
-        let std = Some(variance.sqrt() / length[at])
-            .filter(|s| s.is_finite() && !hypothesis.at_bound(parameter, scales))?;
+        let variance =
+            self.covariance[(at, at)].max(self.sandwich[(at, at)]) + self.step[at] * self.step[at];
+        variance.sqrt() / self.length[at]
+    }
+
+    /// The moves of all free parameters for a move of 1 of one, by the posterior: the cost's profile to first order.
+    fn profile(&self, at: usize, own: usize) -> Vec<f64> {
+        let follows = |to| {
+            self.covariance[(to, at)] / self.covariance[(at, at)] * self.length[at]
+                / self.length[to]
+        };
+        (0..own).map(follows).collect()
+    }
+
+    /// The standard deviation of a free parameter, widened as far as a move leaves the cost the same; `None` at a bound.
+    fn widest_std(
+        &self,
+        likelihood: &Likelihood<'_>,
+        hypothesis: &Hypothesis,
+        scales: &Scales,
+        at: usize,
+    ) -> Option<f64> {
+        let (e, i) = hypothesis.free[at];
+        let std =
+            Some(self.std(at)).filter(|s| s.is_finite() && !hypothesis.at_bound((e, i), scales))?;
         // Between two commands the time of a jump changes nothing: slopes give more than the spread of a uniform distribution over the logs, and the width is searched.
-        let (e, i) = parameter;
         let is_instant = hypothesis.effects[e].parameters[i].role == Role::Instant;
         let unknown = is_instant && std > scales.duration_s / 12.0_f64.sqrt();
         let std = if unknown { scales.sample_time_s } else { std };
+        let own = hypothesis.free.len();
         let alone: Vec<f64> = (0..own).map(|to| if to == at { 1.0 } else { 0.0 }).collect();
-        // The others follow as their posterior does: the profile of the cost, to first order.
-        let follows = |to| covariance[(to, at)] / covariance[(at, at)] * length[at] / length[to];
-        let together: Vec<f64> = (0..own).map(follows).collect();
-        let directions = if own > 1 && !unknown { vec![alone, together] } else { vec![alone] };
+        let directions =
+            if own > 1 && !unknown { vec![alone, self.profile(at, own)] } else { vec![alone] };
         let widest = directions
             .iter()
-            .map(|by| as_far_as_unnoticed(likelihood, hypothesis, by, parameter.0, std, cost));
+            .map(|by| as_far_as_unnoticed(likelihood, hypothesis, by, e, std, self.cost));
         Some(widest.fold(0.0, f64::max))
-    });
-    let std = std.collect();
+    }
+}
+
+/// The standard deviations of a fit without recalibration whose nominal parameters may be off: from one Gauss-Newton step of all together.
+pub(crate) fn estimate(
+    likelihood: &Likelihood<'_>,
+    hypothesis: &Hypothesis,
+    scales: &Scales,
+) -> Option<Estimate> {
+    let Slopes { residual, mut columns } = hypothesis.slopes(likelihood, scales)?;
+    let own = columns.len();
+    let precision: Vec<f64> =
+        hypothesis.prior(likelihood).iter().map(|(precision, _)| *precision).collect();
+    let (nominal, more): (Vec<Applied>, Vec<Whitened>) =
+        nominal_columns(likelihood, hypothesis, &residual).into_iter().unzip();
+    columns.extend(more);
+    let equations = Equations::new(likelihood, &columns, &residual, own)?;
+    let covariance = equations.covariance(&precision)?;
+    let Equations { length, gradient, .. } = equations;
+    let mut step = -(&covariance * &gradient);
+    if !holds(likelihood, hypothesis, &nominal, &step, &length, &residual) {
+        step.fill(0.0);
+    }
+    let blocks = block_scores(likelihood, &columns, &residual, &length, &step);
+    let sandwich = &covariance * &blocks * &covariance;
+    let cost = likelihood.inner(&residual, &residual);
+    let together = together(hypothesis, &precision, &length, [&covariance, &sandwich], &step);
+    let fit = JointFit { length, covariance, sandwich, step, cost };
+    let std = (0..own).map(|at| fit.widest_std(likelihood, hypothesis, scales, at)).collect();
     Some(Estimate { std, together })
 }
 

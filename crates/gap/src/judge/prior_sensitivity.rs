@@ -14,6 +14,7 @@ use crate::likelihood::active_effects::NO_EFFECT;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use crate::search::catalogue_search::SearchResult;
 use deadtime_model::effect::{Applied, Scales};
+use deadtime_model::simulate::Port;
 
 /// The leading hypothesis under a tighter or wider prior of an initial state.
 pub(crate) struct PriorSensitivity {
@@ -31,7 +32,6 @@ pub(crate) fn prior_sensitivities(
     catalogue: &[Applied],
     scales: &Scales,
 ) -> Vec<PriorSensitivity> {
-    let penalties = Penalties::of(likelihood);
     // Only hypotheses of the verdict's size, and single effects where there is none.
     let rivals: Vec<Hypothesis> = match best.map_or(0, |b| b.effects.len()) {
         2 => &found.pairs,
@@ -45,71 +45,90 @@ pub(crate) fn prior_sensitivities(
     let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
     let residuals: Vec<Option<Whitened>> =
         rivals.par_iter().map(|e| likelihood.whitened(e)).collect();
-    let prior = likelihood.prior().to_vec();
     let signatures = if best.is_none() {
         signatures(likelihood, &nominal, catalogue, scales)
     } else {
         Vec::new()
     };
-    let mut sensitivities = Vec::new();
-    for (state, port) in
-        likelihood.system.states.iter().enumerate().filter(|(j, _)| prior[*j] > 0.0)
-    {
-        for factor in [likelihood.criteria.prior_factor.recip(), likelihood.criteria.prior_factor] {
-            let mut other = prior.clone();
+    let comparison = Comparison {
+        penalties: Penalties::of(likelihood),
+        nominal,
+        rivals,
+        residuals,
+        signatures,
+        best,
+    };
+    let prior = likelihood.prior();
+    let states = likelihood.system.states.iter().enumerate().filter(|(j, _)| prior[*j] > 0.0);
+    let factors = [likelihood.criteria.prior_factor.recip(), likelihood.criteria.prior_factor];
+    let sensitivity = |(state, port): (usize, &Port)| {
+        let instead = factors.iter().find_map(|factor| {
+            let mut other = prior.to_vec();
             other[state] *= factor;
-            let likelihood = likelihood.with_prior(other);
-            let cost = likelihood.inner(&nominal, &nominal);
-            let mut again = rivals.clone();
-            for (e, residual) in again.iter_mut().zip(&residuals) {
-                let price = e.lost.as_ref().map_or(0.0, |l| l.price);
-                e.gain = residual
-                    .as_ref()
-                    .map_or(f64::NEG_INFINITY, |w| cost - likelihood.inner(w, w) - price);
-            }
-            let lead = penalties.leader(&again).filter(|e| penalties.gain(e) > 0.0);
-            let as_before = match (lead, best) {
-                (_, None) => {
-                    // Something that was just below the search-wide bar and now is just above it is no other verdict.
-                    let promise = |s: &Whitened| {
-                        likelihood.inner(s, &nominal).powi(2)
-                            / likelihood.inner(s, s).max(f64::MIN_POSITIVE)
-                    };
-                    let most = signatures
-                        .iter()
-                        .map(|(a, s)| (promise(s), a))
-                        .max_by(|a, b| a.0.total_cmp(&b.0));
-                    if let Some((_, applied)) = most.filter(|(promise, _)| {
-                        *promise
-                            > likelihood.criteria.newly_visible
-                                * likelihood.criteria.selection_penalty
-                    }) {
-                        sensitivities.push(PriorSensitivity {
-                            state: port.name.clone(),
-                            instead: vec![applied.clone()],
-                        });
-                        break;
-                    }
-                    true
-                }
-                (None, Some(_)) => false,
-                (Some(lead), Some(best)) => {
-                    let own = again.iter().find(|e| e.key() == best.key());
-                    own.is_some_and(|own| {
-                        penalties.gain(own) > penalties.gain(lead) - penalties.slack(lead.gain)
-                    })
-                }
-            };
-            if !as_before {
-                sensitivities.push(PriorSensitivity {
-                    state: port.name.clone(),
-                    instead: lead.map(|e| e.effects.clone()).unwrap_or_default(),
-                });
-                break;
-            }
-        }
+            comparison.instead(&likelihood.with_prior(other))
+        })?;
+        Some(PriorSensitivity { state: port.name.clone(), instead })
+    };
+    states.filter_map(sensitivity).collect()
+}
+
+/// The competing hypotheses, compared again under other priors.
+struct Comparison<'b> {
+    penalties: Penalties,
+    nominal: Whitened,
+    rivals: Vec<Hypothesis>,
+    /// Per competing hypothesis; `None`: cannot be simulated.
+    residuals: Vec<Option<Whitened>>,
+    /// Of all candidates, where no effect leads.
+    signatures: Vec<(Applied, Whitened)>,
+    best: Option<&'b Hypothesis>,
+}
+
+impl Comparison<'_> {
+    /// The effects that lead under this prior in place of the verdict's; `None` where the verdict stays.
+    fn instead(&self, likelihood: &Likelihood<'_>) -> Option<Vec<Applied>> {
+        let Some(best) = self.best else {
+            return self.newly_visible(likelihood).map(|applied| vec![applied.clone()]);
+        };
+        let penalties = &self.penalties;
+        let again = self.rescored(likelihood);
+        let lead = penalties.leader(&again).filter(|e| penalties.gain(e) > 0.0);
+        let as_before = lead.is_some_and(|lead| {
+            let own = again.iter().find(|e| e.key() == best.key());
+            own.is_some_and(|own| {
+                penalties.gain(own) > penalties.gain(lead) - penalties.slack(lead.gain)
+            })
+        });
+        (!as_before).then(|| lead.map(|e| e.effects.clone()).unwrap_or_default())
     }
-    sensitivities
+
+    /// The candidate with the largest predicted cost reduction, where that exceeds the search-wide bar by a margin.
+    fn newly_visible(&self, likelihood: &Likelihood<'_>) -> Option<&Applied> {
+        // Something that was just below the search-wide bar and now is just above it is no other verdict.
+        let promise = |s: &Whitened| {
+            likelihood.inner(s, &self.nominal).powi(2)
+                / likelihood.inner(s, s).max(f64::MIN_POSITIVE)
+        };
+        let most =
+            self.signatures.iter().map(|(a, s)| (promise(s), a)).max_by(|a, b| a.0.total_cmp(&b.0));
+        most.filter(|(promise, _)| {
+            *promise > likelihood.criteria.newly_visible * likelihood.criteria.selection_penalty
+        })
+        .map(|(_, applied)| applied)
+    }
+
+    /// The competing hypotheses with their gains under this prior, without a refit.
+    fn rescored(&self, likelihood: &Likelihood<'_>) -> Vec<Hypothesis> {
+        let cost = likelihood.inner(&self.nominal, &self.nominal);
+        let mut again = self.rivals.clone();
+        for (e, residual) in again.iter_mut().zip(&self.residuals) {
+            let price = e.lost.as_ref().map_or(0.0, |l| l.price);
+            e.gain = residual
+                .as_ref()
+                .map_or(f64::NEG_INFINITY, |w| cost - likelihood.inner(w, w) - price);
+        }
+        again
+    }
 }
 
 /// How every candidate of one parameter moves the residual, small.

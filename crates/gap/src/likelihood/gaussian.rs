@@ -104,132 +104,151 @@ type Projected = Vec<Option<Common>>;
 /// A whitened residual, one column of all samples and outputs per record.
 pub(crate) type Whitened = Vec<DVector<f64>>;
 
+/// The plans of the nominal model.
+struct NominalPlans {
+    plan: Plan,
+    /// The same with an effect of size 0: a linear model takes no steps, but a hypothesis with friction does.
+    integrated: Plan,
+}
+
+impl NominalPlans {
+    fn of(system: &System, model_effects: &[Applied]) -> crate::error::Result<Self> {
+        let plan = Applied::plan(system, model_effects, Chance::Mean)?;
+        let mut integrated = Applied::plan(system, model_effects, Chance::Mean)?;
+        if !(system.is_sampled() || system.is_black_box() || system.states.is_empty()) {
+            integrated.terms.push(Term::Function { to: 0, from: 0, f: Arc::new(|_| 0.0) });
+        }
+        Ok(Self { plan, integrated })
+    }
+}
+
+/// The responses to the free components of the initial state, each with its place.
+type StartResponses = Vec<(usize, DMatrix<f64>)>;
+
 impl<'a> Likelihood<'a> {
     /// With white noise.
     ///
     /// # Errors
     /// [`GapError::Nominal`] where the nominal model cannot be simulated, [`crate::error::Error::Stopped`].
     pub(crate) fn new(terms: Terms<'a>) -> crate::error::Result<Self> {
-        let Terms {
-            system,
-            records,
-            predictor,
-            model_effects,
-            nuisances,
-            prior,
-            noise_std,
-            resolution,
-            criteria,
-            stop,
-        } = terms;
-        let budget = Budget::of(system);
-        let free: Vec<usize> = (0..prior.len()).filter(|&j| prior[j] > 0.0).collect();
-        let prior_states = prior.len().max(1);
-        let plan = Applied::plan(system, &model_effects, Chance::Mean)?;
-        // A linear model takes no steps, but a hypothesis with friction does: an effect of size 0 gives their number.
-        let mut integrated = Applied::plan(system, &model_effects, Chance::Mean)?;
-        if !(system.is_sampled() || system.is_black_box() || system.states.is_empty()) {
-            integrated.terms.push(Term::Function { to: 0, from: 0, f: Arc::new(|_| 0.0) });
+        let nominal = NominalPlans::of(terms.system, &terms.model_effects)?;
+        let noise_std = terms.noise_std.clone();
+        let mut likelihood = Self::without_logs(terms);
+        for at in 0..likelihood.records.len() {
+            likelihood.stop.check()?;
+            likelihood.add_log(at, &nominal, &noise_std)?;
         }
-        let noise = vec![Noise::white(&noise_std); records.len()];
-        let mut likelihood = Self {
-            system,
-            records,
-            predictor,
-            criteria,
-            budget,
-            model_effects,
-            declared: nuisances,
-            prior,
-            noise,
+        Ok(likelihood)
+    }
+
+    /// The likelihood before the nominal model has run on any log.
+    fn without_logs(terms: Terms<'a>) -> Self {
+        Self {
+            system: terms.system,
+            records: terms.records,
+            predictor: terms.predictor,
+            criteria: terms.criteria,
+            budget: Budget::of(terms.system),
+            model_effects: terms.model_effects,
+            declared: terms.nuisances,
+            prior: terms.prior,
+            noise: vec![Noise::white(&terms.noise_std); terms.records.len()],
             nuisances: Vec::new(),
             starts: Vec::new(),
             rests: Vec::new(),
             ways_back: Vec::new(),
             bends: Vec::new(),
             step_limits: Vec::new(),
-            resolution,
+            resolution: terms.resolution,
             shrinkage: None,
             central: false,
-            stop,
+            stop: terms.stop,
             simulated: Arc::default(),
-        };
-        for (at, record) in records.iter().enumerate() {
-            likelihood.stop.check()?;
-            let begin = Applied::plan(system, &likelihood.model_effects, Chance::Mean)?;
-            let begin = log_start(
-                system,
-                begin,
-                record,
-                likelihood.correction(at),
-                &likelihood.prior,
-                &noise_std,
-            );
-            likelihood.rests.push(rests(system, record, &begin, &noise_std));
-            likelihood.starts.push(begin.clone());
-            let scale: Vec<f64> =
-                likelihood.prior.iter().map(|s| likelihood.budget.start_push * s).collect();
-            let failed = |e: SimulateError| GapError::Nominal {
-                log: record.name.clone(),
-                why: e.to_string(),
-            };
-            let all = system
-                .sensitivity(&plan, record.commands(), &begin, &scale, likelihood.correction(at))
-                .map_err(failed)?;
-            let run = |plan: &Plan| {
-                system.simulate(plan, record.commands(), &begin, likelihood.correction(at))
-            };
-            let steps = match run(&plan).map_err(failed)?.steps {
-                // A linear model that is too stiff to be integrated is simulated all the same.
-                0 => run(&integrated).map_or(0, |run| run.steps),
-                steps => steps,
-            };
-            likelihood
-                .step_limits
-                .push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
-            let shape = (record.time_s.len(), system.outputs.len());
-            // In a restarted simulator every initial state is a separate nuisance, window by window.
-            let starts: Vec<usize> =
-                (0..all.ncols()).filter(|c| free.contains(&(c % prior_states))).collect();
-            let column =
-                |j: &usize| DMatrix::from_column_slice(shape.0, shape.1, all.column(*j).as_slice());
-            let mut raw =
-                Responses { starts: starts.iter().map(column).collect(), ..Responses::default() };
-            // Deviations count from the model's own initial state.
-            let moved = starts.iter().map(|&c| record.start[c] - begin[c]);
-            let back = (raw.starts.iter().zip(moved).filter(|(_, by)| *by != 0.0))
-                .map(|(response, by)| response * by)
-                .reduce(|a, b| a + b);
-            likelihood.ways_back.push(back);
-            if let Some(predicted) = likelihood.predict(at, NO_EFFECT) {
-                raw.feedback = feedback::regressors(
-                    record,
-                    &likelihood.residual(at, &predicted),
-                    &likelihood.criteria,
-                );
-            }
-            let alone = likelihood.declared_responses(at, NO_EFFECT, &vec![0.0; nuisances.len()]);
-            let why = "what it does with a nuisance at half a standard deviation to either side is not finite; lower its `std`";
-            raw.declared = alone.ok_or_else(|| GapError::Nominal {
-                log: record.name.clone(),
-                why: why.to_owned(),
-            })?;
-            raw.declared_std = nuisances.iter().map(|n| n.std).collect();
-            likelihood.nuisances.push(Nuisances::new(
-                raw,
-                record,
-                &likelihood.noise[at],
-                &likelihood.prior,
-            ));
-            if let Some((declared, bend)) = likelihood.about_own_constants(at) {
-                let raw = Responses { declared, ..likelihood.nuisances[at].raw().clone() };
-                likelihood.nuisances[at] =
-                    Nuisances::new(raw, record, &likelihood.noise[at], &likelihood.prior);
-                likelihood.bends.resize(at, None);
-                likelihood.bends.push(Some(bend));
-            }
         }
-        Ok(likelihood)
+    }
+
+    /// Runs the nominal model on the next log: its initial state, its integration steps and its nuisances.
+    fn add_log(
+        &mut self,
+        at: usize,
+        nominal: &NominalPlans,
+        noise_std: &[f64],
+    ) -> crate::error::Result<()> {
+        let (system, record) = (self.system, &self.records[at]);
+        let plan = Applied::plan(system, &self.model_effects, Chance::Mean)?;
+        let begin = log_start(system, plan, record, self.correction(at), &self.prior, noise_std);
+        self.rests.push(rests(system, record, &begin, noise_std));
+        self.starts.push(begin);
+        let failed =
+            |e: SimulateError| GapError::Nominal { log: record.name.clone(), why: e.to_string() };
+        let responses = self.start_responses(at, &nominal.plan).map_err(failed)?;
+        let steps = self.nominal_steps(at, nominal).map_err(failed)?;
+        self.step_limits.push(STEPS_PER_SAMPLE * record.time_s.len() + STEPS_OF_NOMINAL * steps);
+        // Deviations count from the model's own initial state.
+        let begin = self.start_of(at);
+        let back = (responses.iter().map(|(c, response)| (response, record.start[*c] - begin[*c])))
+            .filter(|(_, by)| *by != 0.0)
+            .map(|(response, by)| response * by)
+            .reduce(|a, b| a + b);
+        self.ways_back.push(back);
+        self.add_nuisances(at, responses)
+    }
+
+    /// The responses of the nominal model to the free components of a log's initial state.
+    fn start_responses(&self, at: usize, plan: &Plan) -> Result<StartResponses, SimulateError> {
+        let record = &self.records[at];
+        let scale: Vec<f64> = self.prior.iter().map(|s| self.budget.start_push * s).collect();
+        let all = self.system.sensitivity(
+            plan,
+            record.commands(),
+            self.start_of(at),
+            &scale,
+            self.correction(at),
+        )?;
+        let (samples, outputs) = (record.time_s.len(), self.system.outputs.len());
+        // In a restarted simulator every initial state is a separate nuisance, window by window.
+        let states = self.prior.len().max(1);
+        Ok((0..all.ncols())
+            .filter(|c| self.prior.get(c % states).is_some_and(|s| *s > 0.0))
+            .map(|c| (c, DMatrix::from_column_slice(samples, outputs, all.column(c).as_slice())))
+            .collect())
+    }
+
+    /// The number of integration steps of the nominal model over a log.
+    fn nominal_steps(&self, at: usize, nominal: &NominalPlans) -> Result<usize, SimulateError> {
+        let run = |plan: &Plan| {
+            let commands = self.records[at].commands();
+            self.system.simulate(plan, commands, self.start_of(at), self.correction(at))
+        };
+        Ok(match run(&nominal.plan)?.steps {
+            // A linear model that is too stiff to be integrated is simulated all the same.
+            0 => run(&nominal.integrated).map_or(0, |run| run.steps),
+            steps => steps,
+        })
+    }
+
+    /// Adds the nuisances of a log; the declared constants respond about their own estimates where the log has some.
+    fn add_nuisances(&mut self, at: usize, starts: StartResponses) -> crate::error::Result<()> {
+        let record = &self.records[at];
+        let starts = starts.into_iter().map(|(_, response)| response).collect();
+        let mut raw = Responses { starts, ..Responses::default() };
+        if let Some(predicted) = self.predict(at, NO_EFFECT) {
+            let residual = self.residual(at, &predicted);
+            raw.feedback = feedback::regressors(record, &residual, &self.criteria);
+        }
+        let alone = self.declared_responses(at, NO_EFFECT, &vec![0.0; self.declared.len()]);
+        let why = "what it does with a nuisance at half a standard deviation to either side is not finite; lower its `std`";
+        raw.declared = alone
+            .ok_or_else(|| GapError::Nominal { log: record.name.clone(), why: why.to_owned() })?;
+        raw.declared_std = self.declared.iter().map(|n| n.std).collect();
+        self.nuisances.push(Nuisances::new(raw, record, &self.noise[at], &self.prior));
+        if let Some((declared, bend)) = self.about_own_constants(at) {
+            let raw = Responses { declared, ..self.nuisances[at].raw().clone() };
+            self.nuisances[at] = Nuisances::new(raw, record, &self.noise[at], &self.prior);
+            self.bends.resize(at, None);
+            self.bends.push(Some(bend));
+        }
+        Ok(())
     }
 
     /// The same logs under another predictor and white noise.

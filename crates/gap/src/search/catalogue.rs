@@ -22,65 +22,31 @@ pub(crate) fn catalogue(
     let (mut all, mut left_out) = (Vec::new(), Vec::new());
     let kinematic = kinematic(system);
     for effect in EFFECTS {
-        if effect.facts().is_declared && effect.channels(system).is_empty() {
-            continue;
-        }
-        if effect.site() == Site::Dynamics && system.is_sampled() {
-            left_out.push(not_tried(effect, "the model is sampled".to_owned()));
-            continue;
-        }
-        if effect.facts().needs_equations && system.is_black_box() {
-            left_out.push(not_tried(
-                effect,
-                "the simulator is a black box: its equations cannot be changed".to_owned(),
-            ));
-            continue;
-        }
-        // Where other laws cannot be tried, friction above all, an effect of many shapes imitates their causes.
-        if effect.site() == Site::Output && effect.elaborates().is_some() && system.is_black_box() {
-            left_out.push(not_tried(
-                effect,
-                "the simulator is a black box: laws of its own that cannot be tried would take the same shape".to_owned(),
-            ));
-            continue;
-        }
         let mut channels = effect.channels(system);
-        if channels.is_empty() && effect.site() == Site::Dynamics && system.is_black_box() {
-            left_out.push(not_tried(
-                effect,
-                "the simulator is a black box, and no parameter of it is named".to_owned(),
-            ));
-        } else if channels.is_empty() {
-            left_out.push(not_tried(effect, "the model has no channel for it".to_owned()));
+        if effect.facts().is_declared && channels.is_empty() {
+            continue;
         }
-        let idle = probed.map_or(&[][..], |p| match effect.site() {
-            Site::Input => &p.idle_inputs,
-            Site::Dynamics => &p.idle_parameters,
-            Site::Output | Site::Clock => &[],
+        if let Some(why) = why_on_no_channel(effect, system, &channels) {
+            left_out.push(not_tried(effect, why.to_owned()));
+            continue;
+        }
+        let mut leave_out = |of: &dyn Fn(&String) -> bool, why: &dyn Fn(&str) -> String| {
+            let out = channels.extract_if(.., |channel| of(channel));
+            left_out.extend(out.map(|channel| not_tried(effect, why(&channel))));
+        };
+        let (idle, what) = idle(effect, probed);
+        leave_out(&|c| idle.contains(c), &|c| {
+            format!("no output of the simulator depends on the {what} `{c}`")
         });
-        for channel in channels.extract_if(.., |channel| idle.contains(channel)) {
-            let what = if effect.site() == Site::Input { "input" } else { "parameter" };
-            left_out.push(not_tried(
-                effect,
-                format!("no output of the simulator depends on the {what} `{channel}`"),
-            ));
-        }
-        for channel in channels.extract_if(.., |c| changes_model(effect) && kinematic.contains(c)) {
-            left_out.push(not_tried(
-                effect,
-                format!("`{channel}` says that one state is the derivative of another"),
-            ));
-        }
-        let known = |c: &String| changes_model(effect) && system.known.contains(c);
-        for channel in channels.extract_if(.., |c| known(c)) {
-            left_out.push(not_tried(effect, format!("`{channel}` is `known` in the model file")));
-        }
+        let changes_model = changes_model(effect);
+        leave_out(&|c| changes_model && kinematic.contains(c), &|c| {
+            format!("`{c}` says that one state is the derivative of another")
+        });
+        leave_out(&|c| changes_model && system.known.contains(c), &|c| {
+            format!("`{c}` is `known` in the model file")
+        });
         for nuisance in nuisances {
-            left_out.extend(
-                channels
-                    .extract_if(.., |c| nuisance.is(effect, c))
-                    .map(|_| not_tried(effect, nuisance.why_not_tried())),
-            );
+            leave_out(&|c| nuisance.is(effect, c), &|_| nuisance.why_not_tried());
         }
         let on = |channel: &String| {
             Some(Applied::nominal(system, effect, channel).ok()?.shown_by(system, scales))
@@ -88,6 +54,43 @@ pub(crate) fn catalogue(
         all.extend(channels.iter().filter_map(on));
     }
     Catalogue { candidates: all, left_out }
+}
+
+/// The reason why an effect cannot be tried on any channel.
+fn why_on_no_channel(
+    effect: &dyn Effect,
+    system: &System,
+    channels: &[String],
+) -> Option<&'static str> {
+    let (site, black_box) = (effect.site(), system.is_black_box());
+    if site == Site::Dynamics && system.is_sampled() {
+        return Some("the model is sampled");
+    }
+    if effect.facts().needs_equations && black_box {
+        return Some("the simulator is a black box: its equations cannot be changed");
+    }
+    // Where other laws cannot be tried, friction above all, an effect of many shapes imitates their causes.
+    if site == Site::Output && effect.elaborates().is_some() && black_box {
+        return Some(
+            "the simulator is a black box: laws of its own that cannot be tried would take the same shape",
+        );
+    }
+    match channels.is_empty() {
+        true if site == Site::Dynamics && black_box => {
+            Some("the simulator is a black box, and no parameter of it is named")
+        }
+        true => Some("the model has no channel for it"),
+        false => None,
+    }
+}
+
+/// The channels on which no output of the simulator depends, and what they are.
+fn idle<'p>(effect: &dyn Effect, probed: Option<&'p Probed>) -> (&'p [String], &'static str) {
+    match (effect.site(), probed) {
+        (Site::Input, Some(probed)) => (&probed.idle_inputs, "input"),
+        (Site::Dynamics, Some(probed)) => (&probed.idle_parameters, "parameter"),
+        _ => (&[], "channel"),
+    }
 }
 
 /// Every parameter of the nominal model, also where a law in continuous time could not be tried. Empty for a simulator that can only be called.

@@ -60,55 +60,19 @@ pub(crate) fn search<'a>(
     }
     for round in 0..budget.rounds {
         progress(Stage::Refitting(round));
-        let penalties = Penalties::of(&likelihood);
-        let leading = |all: &[Hypothesis]| {
-            all.iter()
-                .filter(|e| e.fitted)
-                .max_by(|a, b| penalties.gain(a).total_cmp(&penalties.gain(b)))
-                .cloned()
-        };
-        let single = leading(&found.singles);
-        let pair = leading(&found.pairs).filter(|pair| {
-            single.as_ref().is_none_or(|s| penalties.gain(pair) > penalties.gain(s))
-        });
-        let largest = pair.or(single);
-        let Some(noise) = noise_of(&likelihood, largest.as_ref(), smallest) else { break };
+        let leading = leading(&likelihood, &found);
+        let Some(noise) = noise_of(&likelihood, leading, smallest) else { break };
         likelihood = likelihood.with_noise(noise);
         let nominal = likelihood.whitened(NO_EFFECT)?;
-        let cost = likelihood.inner(&nominal, &nominal);
+        let refits = Refits {
+            likelihood: &likelihood,
+            scales,
+            cost: likelihood.inner(&nominal, &nominal),
+            steps: if round + 1 < budget.rounds { budget.steps } else { budget.steps / 2 },
+            polishes: round == 0,
+        };
         for hypotheses in [&mut found.singles, &mut found.pairs] {
-            hypotheses.par_iter_mut().for_each(|e| e.rescore(&likelihood, cost));
-            hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-            let steps = if round + 1 < budget.rounds { budget.steps } else { budget.steps / 2 };
-            let best = hypotheses.first().map_or(0.0, |e| e.gain);
-            let leaders = frugal(
-                &likelihood,
-                hypotheses.iter().take(budget.plain.leaders).map(|e| e.effects.as_slice()),
-            );
-            hypotheses
-                .par_iter_mut()
-                .zip(leaders)
-                .filter(|(e, leads)| *leads && e.gain.is_finite())
-                .for_each(|(e, _)| {
-                    // A sequence that explains much less than the best hypothesis is not worth another search.
-                    let late =
-                        e.effects.iter().any(|a| a.effect.lateness() == Some(Lateness::Random));
-                    let again = e.lost.is_none()
-                        || e.gain > if late { budget.again_late } else { budget.again } * best;
-                    let sequences = if again {
-                        decoded(&likelihood, e.clone(), scales, cost, steps)
-                    } else {
-                        Some(e.clone())
-                    };
-                    if let Some(better) = sequences
-                        .and_then(|e| Hypothesis::refit(&likelihood, e, scales, cost, steps))
-                    {
-                        *e = better.with_missing_limits(&likelihood, scales, cost, steps);
-                        if round == 0 {
-                            *e = e.clone().polished(&likelihood, scales, cost, steps);
-                        }
-                    }
-                });
+            refits.refit_leaders(hypotheses);
             give_up_what_breaks(&likelihood, hypotheses, budget.plain.leaders);
             hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         }
@@ -119,6 +83,67 @@ pub(crate) fn search<'a>(
         held_back(&likelihood, &mut found.singles, &mut found.pairs);
     }
     Some(Searched { likelihood, found })
+}
+
+/// The fitted hypothesis with the largest penalised gain: a single effect, unless a pair has a larger one.
+fn leading<'f>(likelihood: &Likelihood<'_>, found: &'f SearchResult) -> Option<&'f Hypothesis> {
+    let penalties = Penalties::of(likelihood);
+    let leading = |all: &'f [Hypothesis]| {
+        all.iter()
+            .filter(|e| e.fitted)
+            .max_by(|a, b| penalties.gain(a).total_cmp(&penalties.gain(b)))
+    };
+    let single = leading(&found.singles);
+    let pair = leading(&found.pairs)
+        .filter(|pair| single.is_none_or(|s| penalties.gain(pair) > penalties.gain(s)));
+    pair.or(single)
+}
+
+/// The refits of one round, under the noise of the leading hypothesis.
+struct Refits<'r, 'a> {
+    likelihood: &'r Likelihood<'a>,
+    scales: &'r Scales,
+    /// The cost of the nominal model.
+    cost: f64,
+    steps: usize,
+    polishes: bool,
+}
+
+impl Refits<'_, '_> {
+    /// Rescores all hypotheses and refits the leaders among them.
+    fn refit_leaders(&self, hypotheses: &mut [Hypothesis]) {
+        hypotheses.par_iter_mut().for_each(|e| e.rescore(self.likelihood, self.cost));
+        hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        let best = hypotheses.first().map_or(0.0, |e| e.gain);
+        let first = hypotheses.iter().take(self.likelihood.budget.plain.leaders);
+        let leaders = frugal(self.likelihood, first.map(|e| e.effects.as_slice()));
+        hypotheses
+            .par_iter_mut()
+            .zip(leaders)
+            .filter(|(e, leads)| *leads && e.gain.is_finite())
+            .for_each(|(e, _)| {
+                if let Some(better) = self.refitted(e, best) {
+                    *e = better;
+                }
+            });
+    }
+
+    /// A hypothesis refitted with its latent sequence; `best`: the gain of the best hypothesis.
+    fn refitted(&self, hypothesis: &Hypothesis, best: f64) -> Option<Hypothesis> {
+        let Self { likelihood, scales, cost, steps, polishes } = *self;
+        // A sequence that explains much less than the best hypothesis is not worth another search.
+        let late = hypothesis.effects.iter().any(|a| a.effect.lateness() == Some(Lateness::Random));
+        let part = if late { likelihood.budget.again_late } else { likelihood.budget.again };
+        let again = hypothesis.lost.is_none() || hypothesis.gain > part * best;
+        let sequences = if again {
+            decoded(likelihood, hypothesis.clone(), scales, cost, steps)?
+        } else {
+            hypothesis.clone()
+        };
+        let better = Hypothesis::refit(likelihood, sequences, scales, cost, steps)?
+            .with_missing_limits(likelihood, scales, cost, steps);
+        Some(if polishes { better.polished(likelihood, scales, cost, steps) } else { better })
+    }
 }
 
 /// Fits use the training spans only: an effect that makes the model fail in the rest of a log explains nothing. Tests the given number of first hypotheses.

@@ -164,10 +164,7 @@ impl Matching {
     /// norm.
     pub fn fit(&self, file: &EquationsFile, target: &Target) -> Result<Matched> {
         let norm = norms::norm(&self.norm)?;
-        if let Some(value) = self.prior.filter(|share| share.is_nan() || *share <= 0.0) {
-            let rule = "it must be above 0; inf holds nothing".to_owned();
-            return Err(MatchingError::Option { option: "prior", value, rule }.into());
-        }
+        self.check()?;
         let structure = Structure::new(self, file, target)?;
         let band = grid::band(&structure.target, target.lowest_rad_s, self.band)?;
         let omegas = grid::frequencies(&structure.target, band);
@@ -181,14 +178,8 @@ impl Matching {
         problem.sizes = sizes(&problem).ok_or_else(no_response)?;
         let zero = vec![0.0; problem.sizes.len()];
         let prior = problem.prior(norm, self.prior);
-        let first =
-            if norm.name == NORMS[0].name { prior } else { problem.prior(&NORMS[0], self.prior) };
-        let (mut found, mut alike) =
-            problem.best(norm, [first, prior], self.starts).ok_or_else(no_response)?;
-        if norm.name == "hinf" {
-            found = problem.refined(norm, found, band).ok_or_else(no_response)?;
-            alike = alike.max(1);
-        }
+        let (found, alike) =
+            self.search(&mut problem, norm, prior, band).ok_or_else(no_response)?;
         if !found.converged {
             let (model, steps) = (file.name.clone(), problem::MOST_STEPS);
             return Err(MatchingError::NoMinimum { model, steps, difference: found.value }.into());
@@ -229,6 +220,32 @@ impl Matching {
         know(&problem, norm, (&found, prior), &mut answer).ok_or_else(no_response)?;
         answer.remark();
         Ok(answer)
+    }
+
+    /// The check of the options' ranges.
+    fn check(&self) -> Result<()> {
+        if let Some(value) = self.prior.filter(|share| share.is_nan() || *share <= 0.0) {
+            let rule = "it must be above 0; inf holds nothing".to_owned();
+            return Err(MatchingError::Option { option: "prior", value, rule }.into());
+        }
+        Ok(())
+    }
+
+    /// The lowest minimum, and the number of starts that ended at it.
+    fn search(
+        &self,
+        problem: &mut MatchProblem<'_>,
+        norm: &Norm,
+        prior: Option<Prior>,
+        band: [f64; 2],
+    ) -> Option<(Descent, usize)> {
+        let first =
+            if norm.name == NORMS[0].name { prior } else { problem.prior(&NORMS[0], self.prior) };
+        let (found, alike) = problem.best(norm, [first, prior], self.starts)?;
+        if norm.name == "hinf" {
+            return Some((problem.refined(norm, found, band)?, alike.max(1)));
+        }
+        Some((found, alike))
     }
 }
 
@@ -447,80 +464,121 @@ pub(super) fn compared(
     Some(all)
 }
 
+/// The uncertainty of a match, in the parameters' sizes.
+struct Uncertainty {
+    /// The covariance; under the prior where there is one.
+    covariance: DMatrix<f64>,
+    /// The information without the prior; its weak directions are the unidentifiable combinations.
+    information: DMatrix<f64>,
+    /// The identified model's file has no uncertainty.
+    is_unknown: bool,
+}
+
+impl Uncertainty {
+    /// The uncertainty at the end of the search.
+    fn of(
+        problem: &MatchProblem<'_>,
+        norm: &Norm,
+        (found, prior): (&Descent, Option<Prior>),
+    ) -> Option<Self> {
+        let parts = problem.parts(norm, &found.z)?;
+        let information = problem::normal(&parts, 2.0).information;
+        let eigen = symmetric_eigen(&information)?;
+        let most = eigen.eigenvalues.max();
+        let target: Vec<GainMatrix> = problem.at.iter().map(|at| at.target.clone()).collect();
+        let deviations = deviations(problem.structure, &problem.omegas, &target)?;
+        let mut covariance = if norm.powers == [2.0] {
+            to_first_order(problem, norm, &parts, &deviations, &inverted(&eigen))
+        } else {
+            of_draws(problem, norm, found, &deviations)
+        };
+        let mut posterior = prior.filter(|_| !deviations.is_empty()).and_then(|prior| {
+            with_prior(problem, norm, (&parts, &deviations), (&information, &prior))
+        });
+        for at in 0..found.z.len() {
+            let late = delay_variance(problem, at);
+            covariance[(at, at)] += late;
+            if let Some(posterior) = &mut posterior {
+                posterior[(at, at)] += late;
+            }
+        }
+        // Without uncertainty only unresolvable combinations are reported: the other parameters count as known.
+        let scaled = if deviations.is_empty() {
+            &information / (RESOLVED * most).max(f64::MIN_POSITIVE)
+        } else {
+            inverse(&covariance, &eigen, most)?
+        };
+        add_unresolved(&mut covariance, &eigen);
+        Some(Self {
+            covariance: posterior.unwrap_or(covariance),
+            information: scaled,
+            is_unknown: deviations.is_empty(),
+        })
+    }
+}
+
+/// Adds the parameters' own size to the covariance along each unresolved direction.
+fn add_unresolved(covariance: &mut DMatrix<f64>, eigen: &SymmetricEigen<f64, nalgebra::Dyn>) {
+    let most = eigen.eigenvalues.max();
+    let resolved = |k: &usize| eigen.eigenvalues[*k] > RESOLVED * most;
+    for k in (0..eigen.eigenvalues.len()).filter(|k| !resolved(k)) {
+        let direction = eigen.eigenvectors.column(k);
+        *covariance += direction * direction.transpose();
+    }
+}
+
+/// The estimate with its uncertainty, each delay in its own matched size.
+fn known<'a>(
+    problem: &MatchProblem<'_>,
+    names: &'a [String],
+    values: &[f64],
+    Uncertainty { covariance, information, .. }: &Uncertainty,
+) -> Known<'a> {
+    let count = names.len();
+    // A matched delay is its own size; the search used the resolution of the highest frequency.
+    let size = |at: usize| match problem.structure.free[at] {
+        Free::Delay(_) => problem.sizes[at].max(values[at]),
+        Free::Parameter(_) => problem.sizes[at],
+    };
+    let sizes: Vec<f64> = (0..count).map(size).collect();
+    let ratio = |at: usize| problem.sizes[at] / sizes[at];
+    Known {
+        names: names.iter().map(String::as_str).collect(),
+        values: values.to_vec(),
+        information: DMatrix::from_fn(count, count, |i, j| {
+            information[(i, j)] / (ratio(i) * ratio(j))
+        }),
+        covariance: DMatrix::from_fn(count, count, |i, j| covariance[(i, j)] * ratio(i) * ratio(j)),
+        sizes,
+        source: "the responses do",
+    }
+}
+
 /// Standard deviations from the identified model's, unidentifiable combinations, and the interpretation of each value.
-pub(super) fn know(
+fn know(
     problem: &MatchProblem<'_>,
     norm: &Norm,
     (found, prior): (&Descent, Option<Prior>),
     answer: &mut Matched,
 ) -> Option<()> {
     let (structure, count) = (problem.structure, found.z.len());
-    let parts = problem.parts(norm, &found.z)?;
-    let information = problem::normal(&parts, 2.0).information;
-    let eigen = symmetric_eigen(&information)?;
-    let most = eigen.eigenvalues.max();
-    let target: Vec<GainMatrix> = problem.at.iter().map(|at| at.target.clone()).collect();
-    let deviations = deviations(structure, &problem.omegas, &target)?;
-    let mut covariance = if norm.powers == [2.0] {
-        let freed = inverted(&eigen);
-        to_first_order(problem, norm, &parts, &deviations, &freed)
-    } else {
-        of_draws(problem, norm, found, &deviations)
-    };
-    let mut posterior = prior
-        .filter(|_| !deviations.is_empty())
-        .and_then(|prior| with_prior(problem, norm, (&parts, &deviations), (&information, &prior)));
-    for at in 0..count {
-        let late = delay_variance(problem, at);
-        covariance[(at, at)] += late;
-        if let Some(posterior) = &mut posterior {
-            posterior[(at, at)] += late;
-        }
-    }
-    // Without uncertainty only unresolvable combinations are reported: the other parameters count as known.
-    let scaled = if deviations.is_empty() {
-        &information / (RESOLVED * most).max(f64::MIN_POSITIVE)
-    } else {
-        inverse(&covariance, &eigen, most)?
-    };
-    let resolved = |k: &usize| eigen.eigenvalues[*k] > RESOLVED * most;
-    for k in (0..count).filter(|k| !resolved(k)) {
-        // The parameters' own size.
-        let direction = eigen.eigenvectors.column(k);
-        covariance += direction * direction.transpose();
-    }
-    let covariance = posterior.unwrap_or(covariance);
+    let uncertainty = Uncertainty::of(problem, norm, (found, prior))?;
     let values = problem.values(&found.z);
     let names: Vec<String> = (0..count).map(|at| structure.name(at)).collect();
-    // A matched delay is its own size; the search used the resolution of the highest frequency.
-    let size = |at: usize| match structure.free[at] {
-        Free::Delay(_) => problem.sizes[at].max(values[at]),
-        Free::Parameter(_) => problem.sizes[at],
-    };
-    let sizes: Vec<f64> = (0..count).map(size).collect();
-    let ratio = |at: usize| problem.sizes[at] / sizes[at];
-    let known = Known {
-        names: names.iter().map(String::as_str).collect(),
-        values: values.clone(),
-        information: DMatrix::from_fn(count, count, |i, j| scaled[(i, j)] / (ratio(i) * ratio(j))),
-        covariance: DMatrix::from_fn(count, count, |i, j| covariance[(i, j)] * ratio(i) * ratio(j)),
-        sizes,
-        source: "the responses do",
-    };
+    let known = known(problem, &names, &values, &uncertainty);
     answer.unseen = known.unseen();
     let mut traded = vec![false; count];
-    if !deviations.is_empty() {
+    if !uncertainty.is_unknown {
         (answer.trades, traded) = known.trades();
     }
     for (at, name) in names.iter().enumerate() {
-        let std = (!deviations.is_empty())
-            .then(|| problem.sizes[at] * covariance[(at, at)].max(0.0).sqrt());
+        let variance = uncertainty.covariance[(at, at)];
+        let std = (!uncertainty.is_unknown).then(|| problem.sizes[at] * variance.max(0.0).sqrt());
         let lost = traded[at]
             || answer.unseen.iter().any(|u| u.parts.iter().any(|(part, _)| part == name));
         let (value, nominal) = (values[at], structure.nominal[at]);
-        let held = prior.is_some_and(|p| {
-            problem.held()[at] && covariance[(at, at)] >= (HELD * p.spread).powi(2)
-        });
+        let held =
+            prior.is_some_and(|p| problem.held()[at] && variance >= (HELD * p.spread).powi(2));
         answer.parameters.push(MatchedParameter {
             name: name.clone(),
             unit: structure.unit(at),

@@ -77,7 +77,25 @@ impl WithSimd for SecondOrder<'_, '_> {
         if !ridged.is_finite() {
             return None;
         }
-        // Half the second derivatives by b and F, with b eliminated; under negative curvature, only the product of first derivatives.
+        let sums = Sums { gradient, information, cross, bend };
+        let information = sums.curvature(b, ridged, wanted);
+        Some(Normal { cost, gradient: DVector::from_column_slice(&gradient), information })
+    }
+}
+
+/// The sums of the second pass: residual and model by the derivatives of F.
+struct Sums {
+    gradient: [f64; 2],
+    information: [f64; 3],
+    cross: [f64; 2],
+    bend: [f64; 3],
+}
+
+impl Sums {
+    /// Half the second derivatives by b and F, with b eliminated; under negative curvature, only the product of first derivatives.
+    #[inline(always)]
+    fn curvature(&self, b: f64, ridged: f64, wanted: bool) -> DMatrix<f64> {
+        let Self { gradient, information, cross, bend } = self;
         let mixed = |i: usize| gradient[i] / b - cross[i];
         let exact = |i: usize, j: usize| {
             information[i + j] - 2.0 * bend[i + j] - mixed(i) * mixed(j) / ridged
@@ -86,9 +104,7 @@ impl WithSimd for SecondOrder<'_, '_> {
         let upwards = wanted
             && exact(0, 0) > 0.0
             && exact(0, 0) * exact(1, 1) - exact(0, 1).powi(2) > CURVED * exact(0, 0) * exact(1, 1);
-        let information =
-            if upwards { DMatrix::from_fn(2, 2, exact) } else { DMatrix::from_fn(2, 2, projected) };
-        Some(Normal { cost, gradient: DVector::from_column_slice(&gradient), information })
+        if upwards { DMatrix::from_fn(2, 2, exact) } else { DMatrix::from_fn(2, 2, projected) }
     }
 }
 

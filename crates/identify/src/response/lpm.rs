@@ -165,7 +165,39 @@ struct Window<'a> {
     peaks: &'a [f64],
 }
 
-impl Window<'_> {
+impl<'a> Window<'a> {
+    /// The lines of the window around the middle, lines per sample, record by record.
+    fn rows(&self, used: &[&'a Spectra], middle: f64) -> Rows<'a> {
+        let of = |(which, &r): (usize, &&'a Spectra)| {
+            let wide = width(r, self.samples, self.half);
+            let centre = (middle * r.samples as f64).round() as usize;
+            // At the ends of the band windows are one-sided.
+            let from = centre.saturating_sub(wide / 2).max(1).min(r.lines() + 1 - wide);
+            (from..from + wide).map(move |line| (which, r, line))
+        };
+        used.iter().enumerate().flat_map(of).collect()
+    }
+
+    /// The regressors: the transients' columns first, then the slopes of G, last G itself in the corner of the triangle.
+    fn regressors(
+        &self,
+        rows: &Rows<'_>,
+        transients: usize,
+        [middle, reach]: [f64; 2],
+    ) -> DMatrix<Complex<f64>> {
+        let (m, terms) = (self.inputs, self.lpm.order + 1);
+        let power = |x: f64, s: usize| x.powi(i32::try_from(s).unwrap_or(0));
+        DMatrix::from_fn(rows.len(), transients + terms * m, |row, column| {
+            let (which, r, line) = rows[row];
+            let x = (line as f64 / r.samples as f64 - middle) / reach;
+            match column.checked_sub(transients) {
+                None if column / terms == which => Complex::from(power(x, column % terms)),
+                None => Complex::default(),
+                Some(of) => r.channels[of % m][line - 1] * power(x, terms - 1 - of / m),
+            }
+        })
+    }
+
     /// G and its noise at line k of the longest record.
     fn at(&self, k: usize, ts: f64) -> Option<Line> {
         let (m, terms) = (self.inputs, self.lpm.order + 1);
@@ -175,33 +207,13 @@ impl Window<'_> {
             (k as f64 / self.samples as f64, self.half as f64 / self.samples as f64);
         let used: Vec<&Spectra> =
             self.records.iter().filter(|r| width(r, self.samples, self.half) > terms).collect();
-        let rows: Rows<'_> = used
-            .iter()
-            .enumerate()
-            .flat_map(|(which, &r)| {
-                let wide = width(r, self.samples, self.half);
-                let centre = (middle * r.samples as f64).round() as usize;
-                // At the ends of the band windows are one-sided.
-                let from = centre.saturating_sub(wide / 2).max(1).min(r.lines() + 1 - wide);
-                (from..from + wide).map(move |line| (which, r, line))
-            })
-            .collect();
+        let rows = self.rows(&used, middle);
         let transients = terms * used.len();
         let columns = transients + terms * m;
         if rows.len() <= columns || self.is_silent(&rows) {
             return None;
         }
-        let power = |x: f64, s: usize| x.powi(i32::try_from(s).unwrap_or(0));
-        // Transients first, then the slopes of G, last G itself in the corner of the triangle.
-        let regressors = DMatrix::from_fn(rows.len(), columns, |row, column| {
-            let (which, r, line) = rows[row];
-            let x = (line as f64 / r.samples as f64 - middle) / reach;
-            match column.checked_sub(transients) {
-                None if column / terms == which => Complex::from(power(x, column % terms)),
-                None => Complex::default(),
-                Some(of) => r.channels[of % m][line - 1] * power(x, terms - 1 - of / m),
-            }
-        });
+        let regressors = self.regressors(&rows, transients, [middle, reach]);
         let sizes: Vec<f64> = regressors.column_iter().map(|c| c.norm()).collect();
         if sizes.iter().any(|s| !(*s > 0.0 && s.is_finite())) {
             return None;

@@ -185,85 +185,126 @@ pub(super) fn values(problem: &StructuredProblem<'_>, fitted: &Fitted) -> Vec<[f
     problem.free.iter().enumerate().map(value).collect()
 }
 
+/// The smallest value of a parameter that differs from zero: one sample for a dead time, otherwise 0.
+fn least(problem: &StructuredProblem<'_>, i: usize) -> f64 {
+    if problem.delayed(i).is_some() { problem.simulator.step_s } else { 0.0 }
+}
+
+/// The estimate of the shared parameters with its uncertainty.
+fn known<'a>(problem: &StructuredProblem<'a>, fitted: &Fitted, values: &[[f64; 2]]) -> Known<'a> {
+    let shared = problem.free.len();
+    let names = problem.quantities;
+    Known {
+        names: problem.free.iter().map(|&(i, _)| names[i].name.as_str()).collect(),
+        sizes: problem.free.iter().map(|&(_, size)| size).collect(),
+        values: problem
+            .free
+            .iter()
+            .zip(values)
+            .map(|(&(i, _), [value, _])| at_least(*value, least(problem, i)))
+            .collect(),
+        information: fitted.information.view((0, 0), (shared, shared)).into_owned(),
+        covariance: fitted.covariance.view((0, 0), (shared, shared)).into_owned(),
+        source: "the logs do",
+    }
+}
+
+/// Other minima of the dead times beyond the tolerance of the search: the index of the parameter, and a sentence.
+fn other_minima(
+    problem: &StructuredProblem<'_>,
+    fitted: &Fitted,
+    values: &[[f64; 2]],
+) -> Vec<(usize, String)> {
+    let late = |&j: &usize| problem.delayed(problem.free[j].0).is_some();
+    let delays: Vec<usize> = (0..problem.free.len()).filter(late).collect();
+    let mut found = Vec::new();
+    for other in &fitted.alike {
+        for (&j, &delay_s) in delays.iter().zip(other) {
+            let [value, std] = values[j];
+            if (delay_s - value).abs() > (NORMAL_95 * std).max(problem.simulator.step_s) {
+                let name = &problem.quantities[problem.free[j].0].name;
+                let words =
+                    format!("{name} of {delay_s:.4} s fits these logs as well as {value:.4} s");
+                found.push((j, words));
+            }
+        }
+    }
+    found
+}
+
+/// The result of one shared parameter; `lost`: the logs do not identify the parameter alone.
+fn parameter(
+    problem: &StructuredProblem<'_>,
+    i: usize,
+    [value, std]: [f64; 2],
+    one_step: Option<[f64; 2]>,
+    lost: bool,
+) -> FreeParameter {
+    let late = problem.delayed(i).is_some();
+    let Quantity { name, unit, nominal } = problem.quantities[i].clone();
+    let [low, high] = interval95(value, std);
+    FreeParameter {
+        name,
+        unit,
+        nominal,
+        value,
+        std,
+        interval: [if late { low.max(0.0) } else { low }, high],
+        one_step,
+        // A dead time may have any value: tenfold the file's, it is still a dead time.
+        standing: standing(
+            if late { 0.0 } else { nominal },
+            [value, std],
+            one_step,
+            lost,
+            least(problem, i),
+        ),
+    }
+}
+
+/// Deviations by record: parameter, record, value.
+fn per_record(problem: &StructuredProblem<'_>, fitted: &Fitted) -> Vec<(String, String, f64)> {
+    let (shared, own) = (problem.free.len(), problem.own.len());
+    (0..problem.records.len())
+        .flat_map(|r| (0..own).map(move |j| (r, j)))
+        .map(|(r, j)| {
+            let ((i, size), source) = (problem.own[j], problem.records[r].source.clone());
+            (problem.quantities[i].name.clone(), source, size * fitted.z[shared + r * own + j])
+        })
+        .collect()
+}
+
+/// Whether the search ended at a minimum.
+fn converged(fitted: &Fitted) -> bool {
+    fitted.fit.stopped.converged()
+        || fitted.fit.stopped == Stopped::Stalled
+            && fitted.fit.normal.slope(&vec![true; fitted.z.len()]) < 1e-3
+}
+
 pub(super) fn answer(
     problem: &StructuredProblem<'_>,
     fitted: &Fitted,
     one_step: Option<&[[f64; 2]]>,
 ) -> StructuredFit {
-    let of = |i: usize| &problem.quantities[i];
-    let shared = problem.free.len();
     let values = values(problem, fitted);
-    // Below one sample a dead time is indistinguishable from zero.
-    let late = |i: usize| problem.delayed(i).is_some();
-    let least = |i: usize| if late(i) { problem.simulator.step_s } else { 0.0 };
-    let known = Known {
-        names: problem.free.iter().map(|&(i, _)| of(i).name.as_str()).collect(),
-        sizes: problem.free.iter().map(|&(_, size)| size).collect(),
-        values: problem
-            .free
-            .iter()
-            .zip(&values)
-            .map(|(&(i, _), [value, _])| at_least(*value, least(i)))
-            .collect(),
-        information: fitted.information.view((0, 0), (shared, shared)).into_owned(),
-        covariance: fitted.covariance.view((0, 0), (shared, shared)).into_owned(),
-        source: "the logs do",
-    };
+    let known = known(problem, fitted, &values);
     let unseen = known.unseen();
     let (mut trades, mut traded) = known.trades();
-    let delays: Vec<usize> = (0..shared).filter(|&j| late(problem.free[j].0)).collect();
-    for other in &fitted.alike {
-        for (&j, &delay_s) in delays.iter().zip(other) {
-            let [value, std] = values[j];
-            // Another minimum, different beyond the tolerance of the search.
-            if (delay_s - value).abs() > (NORMAL_95 * std).max(problem.simulator.step_s) {
-                trades.push(format!(
-                    "{} of {delay_s:.4} s fits these logs as well as {value:.4} s",
-                    of(problem.free[j].0).name
-                ));
-                traded[j] = true;
-            }
-        }
+    for (j, words) in other_minima(problem, fitted, &values) {
+        trades.push(words);
+        traded[j] = true;
     }
-    let parameter = |(j, [value, std]): (usize, [f64; 2])| {
+    let parameters = values.into_iter().enumerate().map(|(j, estimate)| {
         let (i, _) = problem.free[j];
-        let one_step = one_step.map(|list| list[j]);
-        let Quantity { name, unit, nominal } = of(i).clone();
-        let lost =
-            traded[j] || unseen.iter().any(|u| u.parts.iter().any(|(part, _)| *part == name));
-        let [low, high] = interval95(value, std);
-        FreeParameter {
-            name,
-            unit,
-            nominal,
-            value,
-            std,
-            interval: [if late(i) { low.max(0.0) } else { low }, high],
-            one_step,
-            // A dead time may have any value: tenfold the file's, it is still a dead time.
-            standing: standing(
-                if late(i) { 0.0 } else { nominal },
-                [value, std],
-                one_step,
-                lost,
-                least(i),
-            ),
-        }
-    };
-    let parameters = values.into_iter().enumerate().map(parameter).collect();
-    let own = problem.own.len();
-    let per_record = (0..problem.records.len())
-        .flat_map(|r| (0..own).map(move |j| (r, j)))
-        .map(|(r, j)| {
-            let ((i, size), source) = (problem.own[j], problem.records[r].source.clone());
-            (of(i).name.clone(), source, size * fitted.z[shared + r * own + j])
-        })
-        .collect();
+        let name = &problem.quantities[i].name;
+        let lost = traded[j] || unseen.iter().any(|u| u.parts.iter().any(|(part, _)| part == name));
+        parameter(problem, i, estimate, one_step.map(|list| list[j]), lost)
+    });
     StructuredFit {
         format: "deadtime/structure@1",
         name: String::new(),
-        parameters,
-        per_record,
+        parameters: parameters.collect(),
+        per_record: per_record(problem, fitted),
         unseen,
         trades,
         horizon: problem.simulator.horizon,
@@ -273,9 +314,7 @@ pub(super) fn answer(
         clusters: fitted.clusters.len(),
         shrinkage: fitted.prior.first().copied().unwrap_or(fitted.shrinkage),
         determined: determined(problem, fitted),
-        converged: fitted.fit.stopped.converged()
-            || fitted.fit.stopped == Stopped::Stalled
-                && fitted.fit.normal.slope(&vec![true; fitted.z.len()]) < 1e-3,
+        converged: converged(fitted),
         iterations: fitted.fit.iterations,
         runs: Vec::new(),
         training: [Vec::new(), Vec::new()],

@@ -379,16 +379,8 @@ impl Structured {
             z.clone_from(&fit.parameters);
             round += 1;
             if round >= self.rounds {
-                for _ in 0..CONTINUED {
-                    if fit.stopped != Stopped::Iterations {
-                        break;
-                    }
-                    self.stop.check()?;
-                    let before = fit.iterations;
-                    fit = self.round(&problem, &z, (&weights, &prior), round - 1, far);
-                    fit.iterations += before;
-                    z.clone_from(&fit.parameters);
-                }
+                fit = self.continued(&problem, fit, (&weights, &prior), round - 1, far)?;
+                z.clone_from(&fit.parameters);
                 break;
             }
             weights = self.weights(&super::score::lengths(&problem, &z).map_err(|_| diverged())?);
@@ -409,6 +401,27 @@ impl Structured {
             problem,
             Fitted { z, fit, clusters, prior, shrinkage, covariance, information, substeps, alike },
         ))
+    }
+
+    /// The end of a round whose iterations may have run out, after its continuations.
+    fn continued(
+        &self,
+        problem: &StructuredProblem<'_>,
+        mut fit: Fit,
+        (weights, prior): (&Weights, &[f64]),
+        round: usize,
+        far: &HowFar,
+    ) -> Result<Fit> {
+        for _ in 0..CONTINUED {
+            if fit.stopped != Stopped::Iterations {
+                break;
+            }
+            self.stop.check()?;
+            let before = fit.iterations;
+            fit = self.round(problem, &fit.parameters, (weights, prior), round, far);
+            fit.iterations += before;
+        }
+        Ok(fit)
     }
 
     /// The first round from each start of the dead times. Returns the lowest minimum, and the dead times of indistinguishable minima.

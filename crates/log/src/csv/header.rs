@@ -68,6 +68,15 @@ pub(super) fn names(lines: &Lines<'_>, notes: &mut Notes) -> Result<Names, LogEr
     Ok(names)
 }
 
+/// Drops the empty name behind a separator at the end of a header; returns whether there was one.
+fn take_trailing(names: &mut Names) -> bool {
+    let trailing = names.len() > 1 && names.last().is_some_and(|last| *last == Default::default());
+    if trailing {
+        names.pop();
+    }
+    trailing
+}
+
 /// A unit without the brackets around it.
 fn bare(cell: &[u8]) -> String {
     let text: String = match std::str::from_utf8(cell) {
@@ -241,12 +250,7 @@ impl Header {
     ) -> Result<Self, Error> {
         let file = lines.file;
         let mut names = names(lines, &mut notes)?;
-        let trailing = (names.len() > 1
-            && names.last().is_some_and(|last| *last == Default::default()))
-        .then(|| {
-            names.pop();
-            lines.row
-        });
+        let trailing = take_trailing(&mut names).then_some(lines.row);
         let below = lines.below();
         let cell = |place: usize| below.get(place).map_or(b"".as_slice(), Vec::as_slice);
         if let (Some(row), true) =
@@ -260,19 +264,7 @@ impl Header {
         let (time, _) = match time_column(lines, &names, options) {
             Ok(found) => found,
             Err(error) => {
-                let row = lines.row;
-                let numbers = names.iter().all(|(name, _)| {
-                    matches!(parse(name.as_bytes(), true), Cell::Number(_))
-                        || slashes::is_stamp(name)
-                });
-                let searched = notes.iter().any(|note| note.contains(PREAMBLE));
-                if searched || !options.columns.is_empty() || !table_below(lines, options)? {
-                    let (file, cells) = (file.to_owned(), names.len());
-                    let none = numbers.then_some(LogError::NoHeader { file, row, cells });
-                    return Err(none.unwrap_or(error).into());
-                }
-                let last = lines.row - 1;
-                notes.push(format!("rows {row} to {last} {PREAMBLE} and are left out"));
+                skip_preamble(lines, &names, options, &mut notes, error)?;
                 return Self::of_table(lines, options, notes);
             }
         };
@@ -470,6 +462,29 @@ impl Header {
 const PREAMBLE: &str = "stand above the table";
 /// Rows above a table that are looked through.
 const MOST_ABOVE: usize = 2000;
+
+/// Skips the rows above a table, with a note. Without a table below them, the error of the column of time is returned.
+fn skip_preamble(
+    lines: &mut Lines<'_>,
+    names: &Names,
+    options: &ReadOptions,
+    notes: &mut Notes,
+    error: LogError,
+) -> Result<(), Error> {
+    let row = lines.row;
+    let searched = notes.iter().any(|note| note.contains(PREAMBLE));
+    if searched || !options.columns.is_empty() || !table_below(lines, options)? {
+        let numbers = names.iter().all(|(name, _)| {
+            matches!(parse(name.as_bytes(), true), Cell::Number(_)) || slashes::is_stamp(name)
+        });
+        let (file, cells) = (lines.file.to_owned(), names.len());
+        let none = numbers.then_some(LogError::NoHeader { file, row, cells });
+        return Err(none.unwrap_or(error).into());
+    }
+    let last = lines.row - 1;
+    notes.push(format!("rows {row} to {last} {PREAMBLE} and are left out"));
+    Ok(())
+}
 
 /// Goes to the first row that begins a table. One of its names is that of the time, the row below has as many cells, and the cell below that name is a stamp.
 fn table_below(lines: &mut Lines<'_>, options: &ReadOptions) -> Result<bool, Error> {

@@ -232,24 +232,25 @@ impl PartialLog {
         None
     }
 
+    /// The refusal of a row beyond the limit.
+    fn check_room(&self, row: usize) -> Result<(), LogError> {
+        if self.raw.len() < self.most {
+            return Ok(());
+        }
+        let file = self.source.clone();
+        if let Some(memory) = self.memory {
+            return Err(LogError::Memory { file, limit_mb: memory.div_ceil(1 << 20) });
+        }
+        let most = self.most as f64 * (self.columns.len() + 1) as f64;
+        Err(LogError::TooLarge { file, row, most, gb: most * size_of::<f64>() as f64 / 1e9 })
+    }
+
     /// Adds the current line as a sample.
     pub(super) fn push(&mut self, lines: &Lines<'_>, header: &mut Header) -> Result<(), LogError> {
         header.check_length(lines)?;
         let row = lines.row;
-        let Self { source, stamps, raw: before, columns, rows, moved, most, memory, .. } = self;
-        if before.len() >= *most {
-            if let Some(memory) = memory {
-                let limit_mb = memory.div_ceil(1 << 20);
-                return Err(LogError::Memory { file: source.clone(), limit_mb });
-            }
-            let numbers = *most as f64 * (columns.len() + 1) as f64;
-            return Err(LogError::TooLarge {
-                file: source.clone(),
-                row,
-                most: numbers,
-                gb: numbers * size_of::<f64>() as f64 / 1e9,
-            });
-        }
+        self.check_room(row)?;
+        let Self { source, stamps, raw: before, columns, rows, moved, .. } = self;
         let mut raw = header.stamp(source, lines, stamps)? - *moved;
         // An hourly row that was written twice is one row, in any night.
         let change = stamps.clock_change(before, raw);

@@ -1,6 +1,8 @@
 //! The plant with its hooks as one system: every intermediate signal is a row over (states, signals, 1, the plant's own outputs). Delayed quantities are
 //! signals after those of the inputs.
 
+use std::ops::Range;
+
 use super::history::{Histories, History};
 use super::piecewise::TOGETHER;
 use super::plan::{InnerFilter, ModeSite, Plan, Source, Term};
@@ -72,15 +74,7 @@ impl Assembly {
         build.now[states..states + m].copy_from_slice(first);
         let one = states + m + late_s.len();
         build.now[one] = 1.0;
-        let mut arriving: Vec<Row> =
-            (0..plan.inputs.len()).map(|i| build.arriving(plan, i)).collect();
-        for &(a, b, share) in &plan.swaps {
-            let both = [arriving[a].clone(), arriving[b].clone()];
-            for (to, other) in [(a, &both[1]), (b, &both[0])] {
-                arriving[to].iter_mut().for_each(|v| *v *= 1.0 - share);
-                add(&mut arriving[to], share, other);
-            }
-        }
+        let arriving = build.swapped(plan);
         let mut inputs: Vec<Row> = (arriving.iter().zip(&system.input_operating))
             .map(|(v, operating)| {
                 let mut w = v.clone();
@@ -88,32 +82,13 @@ impl Assembly {
                 w
             })
             .collect();
-        let mut signals = states + m..one;
-        let filters: Vec<usize> = (realised.iter().zip(&waits))
-            .map(|(filter, waits)| match waits.and_then(|_| signals.next()) {
-                Some(signal) => {
-                    inputs.push(build.unit(signal));
-                    signal
-                }
-                None => build.filter(*filter, &mut inputs),
-            })
-            .collect();
+        let filters = build.quantities((&realised, &waits), states + m..one, &mut inputs);
         let mut outputs: Vec<Row> = match plant {
             Some(plant) => build.plant(plant, &inputs),
             None => (0..p + filters.len()).map(|i| build.unit(one + 1 + i)).collect(),
         };
-        // A quantity may depend on earlier ones: each round determines one more.
-        for _ in 0..=filters.len() {
-            if plant.is_none() {
-                let received: Vec<f64> = inputs.iter().map(|row| build.value(row)).collect();
-                let own = own_outputs(&received);
-                build.now[one + 1..].copy_from_slice(&own);
-            }
-            for (at, state) in filters.iter().enumerate() {
-                build.now[*state] = build.value(&outputs[p + at]);
-            }
-        }
         let mut raw = outputs.split_off(p);
+        build.settle(&inputs, (&filters, &raw), plant.is_none().then_some(&own_outputs));
         for (at, (filter, waits)) in realised.iter().zip(&waits).enumerate() {
             if waits.is_none() {
                 build.drive(*filter, filters[at], &raw[at]);
@@ -222,6 +197,58 @@ impl Build {
         build.derivatives = vec![build.zero(); states];
         build.now = build.zero();
         build
+    }
+
+    /// The arriving values of all inputs, shares of swapped commands included.
+    fn swapped(&mut self, plan: &Plan) -> Vec<Row> {
+        let mut arriving: Vec<Row> =
+            (0..plan.inputs.len()).map(|i| self.arriving(plan, i)).collect();
+        for &(a, b, share) in &plan.swaps {
+            let both = [arriving[a].clone(), arriving[b].clone()];
+            for (to, other) in [(a, &both[1]), (b, &both[0])] {
+                arriving[to].iter_mut().for_each(|v| *v *= 1.0 - share);
+                add(&mut arriving[to], share, other);
+            }
+        }
+        arriving
+    }
+
+    /// The signal or the first state of each quantity inside the plant; the plant receives them as further inputs.
+    fn quantities(
+        &mut self,
+        (realised, waits): (&[InnerFilter], &[Option<f64>]),
+        mut signals: Range<usize>,
+        inputs: &mut Vec<Row>,
+    ) -> Vec<usize> {
+        (realised.iter().zip(waits))
+            .map(|(filter, waits)| match waits.and_then(|_| signals.next()) {
+                Some(signal) => {
+                    inputs.push(self.unit(signal));
+                    signal
+                }
+                None => self.filter(*filter, inputs),
+            })
+            .collect()
+    }
+
+    /// Sets the quantities inside the plant to their values at the start; the rows in `raw` give them. For a plant that is not affine, `own_outputs` gives the
+    /// outputs. A quantity may depend on earlier ones: each round determines one more.
+    fn settle(
+        &mut self,
+        inputs: &[Row],
+        (filters, raw): (&[usize], &[Row]),
+        own_outputs: Option<impl Fn(&[f64]) -> Vec<f64>>,
+    ) {
+        let one = self.states + self.signals;
+        for _ in 0..=filters.len() {
+            if let Some(own_outputs) = &own_outputs {
+                let received: Vec<f64> = inputs.iter().map(|row| self.value(row)).collect();
+                self.now[one + 1..].copy_from_slice(&own_outputs(&received));
+            }
+            for (state, row) in filters.iter().zip(raw) {
+                self.now[*state] = self.value(row);
+            }
+        }
     }
 
     /// The arriving value of an input: behind its lags, with the modes that act on it.
