@@ -40,7 +40,7 @@ print(best(lambda: fft(2 * n)), best(lambda: fft(2 * n)[:lags]), best(dots))
 ";
 
 fn numpy() -> Option<[f64; 3]> {
-    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../.venv/bin/python");
     let python = std::env::var_os("DEADTIME_PYTHON").map_or(own, Into::into);
     let values =
         [("SAMPLES", SAMPLES.to_string()), ("LAGS", LAGS.to_string()), ("RUNS", RUNS.to_string())];

@@ -9,8 +9,8 @@ use deadtime::model::{EquationsFile, Wrt};
 mod support;
 
 /// Without dry friction, which is stiff.
-const PLAIN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/support/cart_pendulum.toml");
-const FULL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/cart_pendulum.toml");
+const PLAIN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../benches/support/cart_pendulum.toml");
+const FULL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/cart_pendulum.toml");
 
 fn equations(criterion: &mut Criterion) -> Result<(), Box<dyn std::error::Error>> {
     let mut group = criterion.benchmark_group("equations");

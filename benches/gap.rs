@@ -16,9 +16,10 @@ mod support;
 
 const SAMPLES: usize = 6000;
 /// Three states, one input, two outputs.
-const LINEAR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/uav_lateral_stabilised.toml");
+const LINEAR: &str =
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/uav_lateral_stabilised.toml");
 /// Four states, one input, two outputs.
-const EQUATIONS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/support/two_masses.toml");
+const EQUATIONS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../benches/support/two_masses.toml");
 
 /// A log of the model behind a lag of its actuator, with noise.
 fn log(document: &ModelDocument, seed: u64) -> Result<Log, deadtime::Error> {

@@ -13,9 +13,11 @@ mod support;
 
 const SAMPLES: usize = 6000;
 /// Three states, one input.
-const LINEAR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/uav_lateral_stabilised.toml");
+const LINEAR: &str =
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/uav_lateral_stabilised.toml");
 /// Four states, one input.
-const EQUATIONS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/support/cart_pendulum.toml");
+const EQUATIONS: &str =
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../benches/support/cart_pendulum.toml");
 
 type Case = (&'static str, &'static [(&'static str, &'static [(&'static str, f64)])]);
 

@@ -15,6 +15,7 @@ use rand_distr::StandardNormal;
 
 use super::gap_hard::commands;
 use crate::support::program::{Folder, deadtime};
+use crate::support::schema::accepts;
 
 const TS: f64 = 0.02;
 
@@ -242,10 +243,7 @@ fn a_cause_is_named_and_the_error_is_told_by_horizon() {
     let d = &found.diagnosis;
     assert_eq!((d.prediction.mode, d.prediction.horizon), (Mode::Horizon, Some(25)));
     assert_eq!(d.cause.verdict, "coulomb_friction");
-    let schema: serde_json::Value =
-        serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
-    let schema = jsonschema::draft202012::new(&schema).unwrap();
-    assert!(schema.is_valid(&serde_json::to_value(d).unwrap()));
+    accepts(&serde_json::to_value(d).unwrap());
     let level = d.cause.effects[0].parameters[0].clone();
     let [low, high] = level.ci95.unwrap();
     assert!((low..=high).contains(&0.5), "{level:?}");

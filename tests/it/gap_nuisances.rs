@@ -9,6 +9,7 @@ use deadtime::log::{Channel, Log};
 use deadtime::model::ModelDocument;
 
 use super::gap_hard::{document, log, servo};
+use crate::support::schema::accepts;
 
 fn nuisance(effect: &str, channel: &str, std: f64) -> String {
     format!("[[nuisances]]\neffect = \"{effect}\"\nchannel = \"{channel}\"\nstd = {std}\n")
@@ -95,14 +96,7 @@ fn trims_that_are_declared_hide_no_cause_and_are_told_log_by_log() {
     );
     // The file and its schema, and the model that is handed over.
     let value = serde_json::to_value(d).unwrap();
-    let schema: serde_json::Value =
-        serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
-    let errors: Vec<String> = jsonschema::draft202012::new(&schema)
-        .unwrap()
-        .iter_errors(&value)
-        .map(|e| e.to_string())
-        .collect();
-    assert!(errors.is_empty(), "{errors:?}");
+    accepts(&value);
     assert_eq!(&serde_json::from_value::<Diagnosis>(value).unwrap(), d);
     let model = with.model.as_ref().unwrap();
     assert_eq!((model.nuisances().len(), model.effects().len()), (1, 1));

@@ -12,6 +12,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
 
 use super::gap_hard::{as_log, commands, diagnosed, document, log, noisy, servo};
+use crate::support::schema::accepts;
 
 fn plain() -> ModelDocument {
     document(&servo(", initial_std = 0.02", ""))
@@ -172,6 +173,7 @@ fn gusts_go_with_nothing_and_nothing_is_said_in_four_draws() {
 }
 
 #[test]
+#[ignore = "nightly: a second time that nothing is said"]
 fn what_is_explained_needs_no_description() {
     let model = plain();
     let acting: &[(&str, &str, &[f64])] = &[("quadratic_drag", "v", &[1.5])];
@@ -189,14 +191,7 @@ fn the_file_keeps_the_sentence_and_its_term_is_one_that_the_program_takes() {
     let found = &*SUSPECT;
     let told = described(&found.diagnosis).unwrap().clone();
     let value = serde_json::to_value(&found.diagnosis).unwrap();
-    let schema: serde_json::Value =
-        serde_json::from_str(include_str!("../../docs/diagnosis.schema.json")).unwrap();
-    let errors: Vec<String> = jsonschema::draft202012::new(&schema)
-        .unwrap()
-        .iter_errors(&value)
-        .map(|e| e.to_string())
-        .collect();
-    assert!(errors.is_empty(), "{errors:?}");
+    accepts(&value);
     let again: Diagnosis = serde_json::from_value(value).unwrap();
     // The file holds the text; a remedy that each face words as its own is none of it.
     let read = described(&again).unwrap();

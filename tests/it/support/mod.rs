@@ -11,3 +11,4 @@ pub(crate) mod outside;
 pub(crate) mod plants;
 #[cfg(feature = "cli")]
 pub(crate) mod program;
+pub(crate) mod schema;
