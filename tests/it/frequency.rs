@@ -370,6 +370,7 @@ mod program {
 
     /// Three time constants to one delay: what a model of two poles calls dead time is partly lag.
     #[test]
+    #[ignore = "nightly: coverage over draws"]
     fn intervals_from_step_tables_hold_the_dead_time_whatever_the_number_of_poles() {
         let folder = Folder::new();
         let mut rng = ChaCha8Rng::seed_from_u64(17);

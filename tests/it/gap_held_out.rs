@@ -48,7 +48,8 @@ fn the_same_training_logs_have_the_same_causes_whatever_is_held_out() {
     let slower = as_log("slower.csv", time_s, &u, &outputs);
     let first = decided(&diagnosed(&model, &training, std::slice::from_ref(&same)));
     assert!(first.to_string().contains("input_gain"), "{first}");
-    for other in [vec![another], vec![short], vec![slower], vec![same.clone(), same]] {
+    // Shorter than the others in part, and slower.
+    for other in [vec![another, short], vec![slower]] {
         let found = decided(&diagnosed(&model, &training, &other));
         assert_eq!(
             found,

@@ -145,9 +145,8 @@ fn wandering(samples: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
 }
 
 /// A fixed delay and noise on the input: the noise of each sample is no delay of each command.
-#[test]
-fn a_disturbed_input_behind_a_fixed_delay_is_no_random_delay() {
-    for (seed, size) in [(810, 0.05), (820, 0.1), (830, 0.2)] {
+fn disturbed(cases: &[(u64, f64)]) {
+    for &(seed, size) in cases {
         let heard = |sent: &[f64], rng: &mut ChaCha8Rng| -> Vec<f64> {
             let late = |k: usize| sent[k.saturating_sub(6)];
             (0..sent.len()).map(|k| late(k) + size * rng.sample::<f64, _>(StandardNormal)).collect()
@@ -159,6 +158,17 @@ fn a_disturbed_input_behind_a_fixed_delay_is_no_random_delay() {
         let delay = contributions[0].parameters[0].value.unwrap();
         assert!((delay - 6.0 * TS).abs() < TS, "{seed} {named:?} {delay}");
     }
+}
+
+#[test]
+fn a_disturbed_input_behind_a_fixed_delay_is_no_random_delay() {
+    disturbed(&[(820, 0.1)]);
+}
+
+#[test]
+#[ignore = "nightly: more noise, and less"]
+fn a_disturbed_input_behind_a_fixed_delay_is_no_random_delay_at_every_noise() {
+    disturbed(&[(810, 0.05), (830, 0.2)]);
 }
 
 #[test]
@@ -219,6 +229,7 @@ fn a_delay_that_drifts_is_named_with_its_rate() {
 }
 
 #[test]
+#[ignore = "nightly: one more period"]
 fn a_slower_loop_is_named_with_its_period() {
     let (every, first) = (7, 3);
     let (found, [nominal, handed]) =
@@ -232,12 +243,10 @@ fn a_slower_loop_is_named_with_its_period() {
     assert!(handed < 0.15 * nominal, "{nominal} to {handed}");
 }
 
-#[test]
-fn a_slower_loop_is_named_with_a_period_between_the_samples() {
+/// Seeds, periods and phases of loops; the machine runs twenty times a sample.
+fn between_the_samples(cases: &[(u64, f64, f64)]) {
     const PARTS: usize = 20;
-    for (seed, period, phase) in
-        [(741, 0.30564, 0.2137), (742, 0.13719, 0.0391), (743, 0.24447, 0.11)]
-    {
+    for &(seed, period, phase) in cases {
         let heard = |sent: &[f64], _: &mut ChaCha8Rng| -> Vec<f64> {
             let passed_at = |k: usize| {
                 let time_s = TS * k as f64 / PARTS as f64;
@@ -256,6 +265,17 @@ fn a_slower_loop_is_named_with_a_period_between_the_samples() {
         );
         assert!(handed < 0.15 * nominal, "{nominal} to {handed}");
     }
+}
+
+#[test]
+fn a_slower_loop_is_named_with_a_period_between_the_samples() {
+    between_the_samples(&[(741, 0.30564, 0.2137)]);
+}
+
+#[test]
+#[ignore = "nightly: two more periods"]
+fn a_slower_loop_is_named_with_any_period_between_the_samples() {
+    between_the_samples(&[(742, 0.13719, 0.0391), (743, 0.24447, 0.11)]);
 }
 
 /// In order; a change of the command comes late by a delay of its own, in samples.
@@ -415,6 +435,7 @@ fn lost_commands_are_still_called_lost_and_the_written_model_is_not_worse() {
 }
 
 #[test]
+#[ignore = "nightly: one more way to be of no catalogue"]
 fn a_jump_that_each_log_has_at_its_own_time_makes_no_model_that_is_worse() {
     let own = |sent: &[f64], rng: &mut ChaCha8Rng| {
         let at = rng.random_range(sent.len() / 4..3 * sent.len() / 4);
@@ -426,6 +447,7 @@ fn a_jump_that_each_log_has_at_its_own_time_makes_no_model_that_is_worse() {
 }
 
 #[test]
+#[ignore = "nightly: as without moving delays"]
 fn a_delay_that_stands_still_is_named_as_before() {
     let (found, _) = diagnosed(830, &late_by(|_| 6));
     assert_eq!(keys(&found), ["input_delay:u"]);

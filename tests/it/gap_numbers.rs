@@ -99,6 +99,7 @@ fn wind_recalibrates_nothing() {
 
 /// Wind hides the error that a sensor limit makes; the repeated value shows it.
 #[test]
+#[ignore = "nightly: a rate over draws"]
 fn a_sensor_that_stops_at_a_limit_is_named_in_wind() {
     let model = document(HOVER);
     let named = [70, 80, 90].into_iter().filter(|&seed| {

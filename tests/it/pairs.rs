@@ -138,45 +138,66 @@ fn wrong(found: &[Check]) -> Vec<&Check> {
 }
 
 /// 300 carts whose sensors agree, in white and coloured noise: at most 2 % may be blamed.
-#[test]
-fn sensors_that_agree_are_left_in_peace() {
+fn left_in_peace(draws: u64) {
     let (mut blamed, mut agree) = (Vec::new(), 0);
-    for seed in 0..300 {
+    for seed in 0..draws {
         let found = cart(seed, 1.0, 0.0, 0.0);
         agree += usize::from(of_pairs(&found).iter().any(|c| c.ok == Some(true)));
         blamed.extend(wrong(&found).into_iter().map(|c| format!("{seed}: {}", c.finding)));
     }
-    println!("blamed {} of 300, said to agree {agree}", blamed.len());
-    assert!(blamed.len() <= 6 && agree >= 270, "agree {agree}, blamed {blamed:#?}");
+    println!("blamed {} of {draws}, said to agree {agree}", blamed.len());
+    let (few, most) = (draws as usize / 50, draws as usize * 9 / 10);
+    assert!(blamed.len() <= few && agree >= most, "agree {agree}, blamed {blamed:#?}");
 }
 
 #[test]
-fn a_speed_nine_per_cent_too_large_and_twenty_milliseconds_late_is_named_with_its_size() {
+fn sensors_that_agree_are_left_in_peace() {
+    left_in_peace(60);
+}
+
+#[test]
+#[ignore = "nightly: a rate over draws"]
+fn sensors_that_agree_are_left_in_peace_in_three_hundred_draws() {
+    left_in_peace(300);
+}
+
+fn named_with_its_size(draws: u64) {
     let (mut large, mut late, mut early, mut off) = (0, 0, 0, 0);
     let says = |found: &[Check], kind: CheckKind, words: &str| {
         wrong(found).iter().any(|c| c.check == kind && c.finding.contains(words))
     };
-    for seed in 1000..1100 {
-        large += i32::from(says(
+    for seed in 1000..1000 + draws {
+        large += u64::from(says(
             &cart(seed, 1.09, 0.0, 0.0),
             CheckKind::Unit,
             "a gain of one of the two",
         ));
         late +=
-            i32::from(says(&cart(seed, 1.0, 0.02, 0.0), CheckKind::ClockOffset, "s later than"));
+            u64::from(says(&cart(seed, 1.0, 0.02, 0.0), CheckKind::ClockOffset, "s later than"));
         early +=
-            i32::from(says(&cart(seed, 1.0, -0.02, 0.0), CheckKind::ClockOffset, "s earlier than"));
-        off += i32::from(says(
+            u64::from(says(&cart(seed, 1.0, -0.02, 0.0), CheckKind::ClockOffset, "s earlier than"));
+        off += u64::from(says(
             &cart(seed, 1.0, 0.0, 1.0),
             CheckKind::Unit,
             "an offset of one of the two",
         ));
     }
-    println!("of 100: factor {large}, late {late}, early {early}, offset {off}");
+    println!("of {draws}: factor {large}, late {late}, early {early}, offset {off}");
     assert!(
-        large >= 80 && late >= 80 && early >= 80 && off >= 80,
+        [large, late, early, off].iter().all(|&n| 5 * n >= 4 * draws),
         "factor {large}, late {late}, early {early}, offset {off}"
     );
+}
+
+#[test]
+fn a_speed_nine_per_cent_too_large_and_twenty_milliseconds_late_is_named_with_its_size() {
+    named_with_its_size(20);
+}
+
+#[test]
+#[ignore = "nightly: a rate over draws"]
+fn a_speed_nine_per_cent_too_large_and_twenty_milliseconds_late_is_named_in_a_hundred_draws() {
+    named_with_its_size(100);
 }
 
 #[test]

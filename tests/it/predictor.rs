@@ -146,6 +146,7 @@ fn unstable_plants_in_many_loops_are_found_where_simulation_cannot_follow() {
 }
 
 #[test]
+#[ignore = "nightly: all delays up to ten"]
 fn the_unstable_lateral_dynamics_are_found_within_a_sample_for_delays_up_to_ten() {
     let cases: Vec<(f64, usize, u64)> = [0.1, 0.02]
         .into_iter()

@@ -77,11 +77,6 @@ fn interval_holds(noises: &[f64]) {
 }
 
 #[test]
-fn the_interval_holds_a_fractional_delay_as_often_as_it_says() {
-    interval_holds(&[0.03]);
-}
-
-#[test]
 #[ignore = "nightly: coverage over noises"]
 fn the_interval_holds_a_fractional_delay_as_often_as_it_says_at_every_noise() {
     interval_holds(&[0.001, 0.03, 0.3]);
@@ -127,6 +122,7 @@ fn eight_seconds_are_found_from_every_start_between_0_and_20() {
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn a_record_that_begins_in_motion_is_fitted_with_its_start() {
     for name in ["p1d", "p2d", "p3d", "p2dz"] {
         let held = (0..30_u64).into_par_iter().filter(|&seed| {
@@ -170,6 +166,7 @@ fn several_records_say_more_than_one() {
 }
 
 #[test]
+#[ignore = "nightly: a rate over draws"]
 fn the_search_finds_what_starts_at_every_sample_up_to_twenty_find() {
     for name in ["p1d", "p2d", "p3d", "p2dz"] {
         let worse = (0..6_u64).into_par_iter().filter(|&seed| {

@@ -295,6 +295,7 @@ fn what_is_shown_and_expected_of_a_pair_is_free_of_what_other_inputs_do() {
 }
 
 #[test]
+#[ignore = "nightly: counts over draws"]
 fn the_verdict_counts_process_models_of_several_inputs() {
     let (mut counted, mut near, mut held) = (0, 0, 0);
     for seed in 0..4 {

@@ -113,6 +113,7 @@ fn auto_takes_a_still_start_for_a_rest_only_where_it_must_and_says_so() {
 
 /// Noise alone, whatever the input: how often each CUSUM gives the alarm that it promises in one record of twenty.
 #[test]
+#[ignore = "nightly: a rate over draws"]
 fn a_cusum_gives_as_many_false_alarms_as_it_was_asked_for() {
     for name in ["cusum", "cusum_step"] {
         let records = 400_u64;

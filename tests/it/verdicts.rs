@@ -50,6 +50,7 @@ fn verdict(u: &[f64], y: &[f64]) -> Option<(f64, [f64; 2])> {
 
 /// Lags that most methods' models are too small for, coloured noise, fractional delays: one method's interval holds seven or eight of ten of these.
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn the_interval_of_all_methods_together_holds_what_single_ones_miss() {
     let plants: [(&[f64], Option<f64>); 4] =
         [(&[6.0], None), (&[6.0, 2.0], None), (&[5.0, 3.0, 1.0], None), (&[6.0, 2.0], Some(4.0))];
@@ -75,6 +76,7 @@ fn the_interval_of_all_methods_together_holds_what_single_ones_miss() {
 
 /// Slow and resonant outputs that have nothing to do with the input: output-error models see a response in some.
 #[test]
+#[ignore = "nightly: a rate over draws"]
 fn a_record_without_a_response_has_no_verdict() {
     let answered = (0..40_u64)
         .into_par_iter()

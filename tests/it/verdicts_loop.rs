@@ -243,7 +243,7 @@ fn the_part_of_the_input_that_the_output_did_not_cause_is_what_the_reference_mak
 
 #[test]
 fn channels_that_were_exchanged_are_to_be_exchanged_and_nothing_moves() {
-    for seed in 0..4 {
+    for seed in 0..2 {
         let source = coloured(1000, 0.5, 60 + seed);
         let later = sum(
             &Running::new([0.3, 0.0], 5.0 + seed as f64).respond(&source),
