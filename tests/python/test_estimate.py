@@ -65,10 +65,25 @@ def as_arguments(said: Any) -> Any:
 @pytest.mark.parametrize(
     ("log", "inputs", "outputs", "options", "words"),
     [
-        ("uav_flight.csv", ["r"], ["p", "ay"], {"model": "uav_lateral_stabilised.toml"}, ["--model", "uav_lateral_stabilised.toml"]),
-        ("two_inputs.csv", ["heater", "fan"], ["temperature"], {}, []),
+        pytest.param(
+            "uav_flight.csv",
+            ["r"],
+            ["p", "ay"],
+            {"model": "uav_lateral_stabilised.toml"},
+            ["--model", "uav_lateral_stabilised.toml"],
+            marks=pytest.mark.nightly,
+        ),
+        pytest.param("two_inputs.csv", ["heater", "fan"], ["temperature"], {}, [], marks=pytest.mark.nightly),
+        ("two_inputs.csv", ["heater", "fan"], ["temperature"], {"method": ["arxstruc", "p1d"]}, ["--method", "arxstruc", "--method", "p1d"]),
         ("irregular.csv", ["valve"], ["pressure"], {"resample": 0.05}, ["--resample", "0.05"]),
-        ("missing.csv", ["pump"], ["level"], {"detrend": "line", "loop": "closed"}, ["--detrend", "line", "--loop", "closed"]),
+        pytest.param(
+            "missing.csv",
+            ["pump"],
+            ["level"],
+            {"detrend": "line", "loop": "closed"},
+            ["--detrend", "line", "--loop", "closed"],
+            marks=pytest.mark.nightly,
+        ),
         ("unstable_loop.csv", ["torque"], ["rate"], {"window": (0.0, 8.0), "max_delay": 0.5}, ["--from", "0", "--to", "8", "--max-delay", "0.5"]),
         (
             "uav_flight.csv",

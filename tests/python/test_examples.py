@@ -12,7 +12,7 @@ import pytest
 SCRIPTS = ["estimate_a_delay.py", "which_method.py", "identify_quadrotor.py"]
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.nightly] if name == "which_method.py" else []) for name in SCRIPTS])
 def test_a_tutorial_runs_and_what_it_claims_holds(name: str, examples: Path, tmp_path: Path) -> None:
     ran = subprocess.run([sys.executable, "-W", "error", str(examples / name)], capture_output=True, text=True, check=False, cwd=tmp_path)
     assert ran.returncode == 0, ran.stdout[-3000:] + ran.stderr

@@ -149,8 +149,3 @@ def test_other_threads_go_on_while_the_package_works() -> None:
     done.set()
     counter.join()
     assert counted[0] > 50
-
-
-def test_the_lines_of_the_pages_run(root: Path) -> None:
-    found = run(str(root / "scripts" / "readme_lines.py"))
-    assert found.returncode == 0, found.stdout + found.stderr
