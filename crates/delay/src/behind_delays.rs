@@ -380,6 +380,7 @@ mod tests {
 
     /// The shipped flight behind 0.13 s of dead time. The user's commands lead from the log to the parameters, starting from wrong values in the files.
     #[test]
+    #[ignore = "nightly: two matches of a flight"]
     fn the_shipped_flight_gives_dead_time_and_parameters_back() {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples");
         let log = deadtime_log::read(&folder.join("uav_flight.csv")).unwrap();

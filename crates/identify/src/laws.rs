@@ -145,6 +145,7 @@ fn refined_instrumental_variables_end_at_the_plant_of_fast_samples() {
 
 /// Fast sampling: poorly determined directions have neither bias nor too small standard deviations.
 #[test]
+#[ignore = "nightly: a rate over draws"]
 fn transfer_functions_of_fast_samples_have_no_bias() {
     let tf = TransferFunction::from_polynomials(
         &[-6400.0, 1600.0],
@@ -327,6 +328,7 @@ fn coupled_target(samples: usize, noise: f64, rng: &mut ChaCha8Rng) -> Target {
 /// File values that are correct, off by a common share, by drawn shares, or by factors. The spread of largest evidence matches them, and the determined
 /// parameters are found.
 #[test]
+#[ignore = "nightly: a rate over draws"]
 fn the_prior_of_a_match_is_as_wide_as_the_files_values_are_off() {
     for (samples, noise) in [(2000, 0.02), (400, 0.2)] {
         let mut rng = ChaCha8Rng::seed_from_u64(samples as u64);

@@ -342,9 +342,8 @@ mod tests {
         (u, y)
     }
 
-    #[test]
-    fn of_two_sensors_the_relative_degree_is_zero_and_the_other_dead_time_is_given() {
-        for seed in 1..9 {
+    fn of_two_sensors(seeds: std::ops::Range<u64>) {
+        for seed in seeds {
             let delay = 2 + seed as usize;
             for fraction in [0.0, 0.25, 0.5] {
                 let (u, y) = drawn(seed, 0.0, delay);
@@ -368,6 +367,17 @@ mod tests {
                 assert!(!pair.two_sensors && !pair.verdict.why.contains("two sensors"));
             }
         }
+    }
+
+    #[test]
+    fn of_two_sensors_the_relative_degree_is_zero_and_the_other_dead_time_is_given() {
+        of_two_sensors(1..3);
+    }
+
+    #[test]
+    #[ignore = "nightly: more draws"]
+    fn of_two_sensors_the_relative_degree_is_zero_and_the_other_dead_time_is_given_in_all_draws() {
+        of_two_sensors(3..9);
     }
 
     #[test]

@@ -760,6 +760,7 @@ mod tests {
 
     /// Sixteen records of each of four plants at 10 dB. Of sixteen 95 % intervals, fewer than twelve hold the truth in one of 1000 cases.
     #[test]
+    #[ignore = "nightly: coverage over draws"]
     fn intervals_hold_the_truth() {
         const RECORDS: u64 = 16;
         for (i, plant) in PLANTS.iter().enumerate() {

@@ -233,6 +233,7 @@ fn a_dead_time_of_part_of_a_sample_predicts_the_system_that_has_it() {
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn intervals_hold_dead_times_of_parts_of_samples() {
     let (mut held, mut all) = (0, 0);
     for seed in 0..50 {
