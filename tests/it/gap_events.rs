@@ -102,9 +102,9 @@ rate = "v"
 "#;
 
 /// A payload is picked up. Jumps of the two gains and of gravity explain it as well as those of inertia and gravity, with one number more.
-fn payload(seeds: &[u64]) {
-    for &seed in seeds {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed + 5);
+fn payloads(number: usize) {
+    let mut rng = ChaCha8Rng::seed_from_u64(62);
+    for seed in [6200, 6210, 6220].into_iter().take(number) {
         let step = TS / f64::from(SUBSTEPS);
         let time_s = (rng.random_range(6.0..11.0) / step).round() * step;
         let (mass, arm) = (rng.random_range(0.3..0.8), rng.random_range(0.2..0.35));
@@ -130,11 +130,11 @@ fn payload(seeds: &[u64]) {
 
 #[test]
 fn a_payload_is_no_change_of_the_controller() {
-    payload(&[6200]);
+    payloads(1);
 }
 
 #[test]
 #[ignore = "nightly: two more payloads"]
-fn other_payloads_are_no_change_of_the_controller() {
-    payload(&[6210, 6220]);
+fn three_payloads_are_no_change_of_the_controller() {
+    payloads(3);
 }
