@@ -16,6 +16,7 @@ use crate::threshold::response::Prewindow;
 use deadtime_identify::lag_matrix;
 use deadtime_model::c2d::{Hold, transition};
 use deadtime_model::exp;
+use deadtime_signal::decompositions::{singular_values, symmetric_eigen};
 use deadtime_signal::stats::interval95;
 use deadtime_signal::time::SampleTime;
 
@@ -574,24 +575,20 @@ fn angles(gram: &DMatrix<f64>, inputs: usize) -> Vec<f64> {
         let rest: Vec<usize> = (0..gram.nrows()).filter(|i| i / lags != j).collect();
         let block =
             |rows: &[usize], columns: &[usize]| gram.select_rows(rows).select_columns(columns);
-        let (Some(left), Some(right)) = (basis(block(&own, &own)), basis(block(&rest, &rest)))
+        let (Some(left), Some(right)) = (basis(&block(&own, &own)), basis(&block(&rest, &rest)))
         else {
             return 90.0;
         };
         let shared = left.tr_mul(&block(&own, &rest)) * right;
-        let cosine = nalgebra::SVD::try_new(shared, false, false, f64::EPSILON, 10_000)
-            .map_or(0.0, |svd| svd.singular_values.max());
+        let cosine = singular_values(&shared).map_or(0.0, |s| s.max());
         cosine.clamp(0.0, 1.0).acos().to_degrees()
     };
     (0..inputs).map(each).collect()
 }
 
 /// An orthonormal basis of the columns behind a Gram matrix; `None` for an empty span.
-fn basis(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
-    if gram.is_empty() {
-        return None;
-    }
-    let eigen = nalgebra::SymmetricEigen::try_new(gram, f64::EPSILON, 10_000)?;
+fn basis(gram: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let eigen = symmetric_eigen(gram)?;
     let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
     // A Gram matrix keeps half of the digits of its columns.
     let kept: Vec<usize> =

@@ -1,6 +1,6 @@
 //! State-space models in innovations form from data, by PBSIDopt: for stable and unstable plants, in open and closed loop.
 
-use deadtime_signal::decompositions::eigenvalues;
+use deadtime_signal::decompositions::{eigenvalues, svd};
 use nalgebra::{DMatrix, DVector};
 
 use crate::polynomial::{from_roots, reflected};
@@ -86,9 +86,9 @@ impl Subspace {
         let now = data.select_columns(&window(1));
         let next = data.select_columns(&window(0));
         let future = &now * predict.transpose();
-        let svd = nalgebra::SVD::try_new(future, false, true, f64::EPSILON, 10_000)?;
-        let right = svd.v_t?;
-        let singular: Vec<f64> = svd.singular_values.iter().copied().collect();
+        let found = svd(&future)?;
+        let right = found.v_t?;
+        let singular: Vec<f64> = found.singular_values.iter().copied().collect();
         let largest = *singular.first().filter(|s| **s > 0.0 && s.is_finite())?;
         let most = singular.iter().take(order).take_while(|s| **s > DEPENDENT * largest).count();
         // States x = S^(−1/2)·Vᵀ·predictions: each with the norm √s.
