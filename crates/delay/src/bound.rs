@@ -3,8 +3,8 @@
 //! Standard deviations have the unit of the time arguments: samples for signals, seconds for frequencies or time constants. ρ is the ratio of the power of the
 //! signal to that of the noise.
 
+use deadtime_signal::dft;
 use nalgebra::Complex;
-use rustfft::FftPlanner;
 use statrs::function::erf::erfc;
 
 use deadtime_identify::dot;
@@ -44,9 +44,7 @@ pub fn reference_white(samples: usize, snr: f64) -> f64 {
 pub fn reference(signal: &[f64], noise_std: f64) -> f64 {
     let n = signal.len();
     let mut spectrum: Vec<Complex<f64>> = signal.iter().map(|v| Complex::new(*v, 0.0)).collect();
-    if n > 0 {
-        FftPlanner::new().plan_fft_forward(n).process(&mut spectrum);
-    }
+    dft(&mut spectrum);
     let energy: f64 = spectrum
         .iter()
         .enumerate()

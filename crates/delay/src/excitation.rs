@@ -8,8 +8,8 @@
 
 use std::f64::consts::TAU;
 
+use deadtime_signal::dft;
 use nalgebra::{Complex, Matrix3, Vector3};
-use rustfft::FftPlanner;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use crate::posterior::{effective_samples, unseen};
@@ -72,7 +72,7 @@ fn strongest(x: &[f64]) -> Option<f64> {
     let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
     let mut spectrum: Vec<Complex<f64>> = x.iter().map(|v| Complex::new(v - mean, 0.0)).collect();
     spectrum.resize(points, Complex::new(0.0, 0.0));
-    FftPlanner::new().plan_fft_forward(points).process(&mut spectrum);
+    dft(&mut spectrum);
     let peak = (1..points / 2)
         .max_by(|a, b| spectrum[*a].norm_sqr().total_cmp(&spectrum[*b].norm_sqr()))?;
     let bin = TAU / points as f64;

@@ -20,10 +20,28 @@ const REBUILT: f64 = 1e-12;
 /// An entry of this size next to 1 is lost in the rounding of any norm.
 const VANISHING: f64 = 1e-100;
 
-/// A scalar of both matrix libraries, real or complex.
-pub trait Scalar: ComplexField<RealField = f64> + OtherField<Real = f64> {}
-impl Scalar for f64 {}
-impl Scalar for Complex<f64> {}
+/// A scalar of both matrix libraries, real or complex: this crate compiles the decompositions of both, and no other crate compiles them again.
+pub trait Scalar: ComplexField<RealField = f64> + OtherField<Real = f64> {
+    /// See [`svd`].
+    fn svd(m: &DMatrix<Self>) -> Option<SVD<Self, Dyn, Dyn>>;
+    /// See [`symmetric_eigen`].
+    fn symmetric_eigen(m: &DMatrix<Self>) -> Option<SymmetricEigen<Self, Dyn>>;
+}
+
+macro_rules! scalar {
+    ($scalar:ty) => {
+        impl Scalar for $scalar {
+            fn svd(m: &DMatrix<Self>) -> Option<SVD<Self, Dyn, Dyn>> {
+                singular(m)
+            }
+            fn symmetric_eigen(m: &DMatrix<Self>) -> Option<SymmetricEigen<Self, Dyn>> {
+                symmetric(m)
+            }
+        }
+    };
+}
+scalar!(f64);
+scalar!(Complex<f64>);
 
 fn steps<T>(m: &DMatrix<T>) -> usize {
     STEPS.max(STEPS_EACH * m.nrows().min(m.ncols()))
@@ -48,6 +66,10 @@ fn other<T: Scalar>(m: &DMatrix<T>) -> (Mat<T>, f64) {
 /// M = U·Σ·Vᴴ, thin, singular values in falling order; `None` for an empty matrix and one with entries that are not finite.
 #[must_use]
 pub fn svd<T: Scalar>(m: &DMatrix<T>) -> Option<SVD<T, Dyn, Dyn>> {
+    T::svd(m)
+}
+
+fn singular<T: Scalar>(m: &DMatrix<T>) -> Option<SVD<T, Dyn, Dyn>> {
     if !decomposable(m) {
         return None;
     }
@@ -101,6 +123,10 @@ pub fn singular_values<T: Scalar>(m: &DMatrix<T>) -> Option<DVector<f64>> {
 /// M = V·Λ·Vᴴ of a symmetric or Hermitian matrix, whose lower triangle is read; `None` as in [`svd`].
 #[must_use]
 pub fn symmetric_eigen<T: Scalar>(m: &DMatrix<T>) -> Option<SymmetricEigen<T, Dyn>> {
+    T::symmetric_eigen(m)
+}
+
+fn symmetric<T: Scalar>(m: &DMatrix<T>) -> Option<SymmetricEigen<T, Dyn>> {
     if !decomposable(m) || !m.is_square() {
         return None;
     }

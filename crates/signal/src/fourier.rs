@@ -6,6 +6,11 @@ use nalgebra::Complex;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use rustfft::FftPlanner;
 
+/// X(k) = Σₜ x(t)·exp(−2πi·k·t/n), k = 0 … n − 1, in place. O(n·log n) for every length n.
+pub fn dft(x: &mut [Complex<f64>]) {
+    FftPlanner::new().plan_fft_forward(x.len()).process(x);
+}
+
 /// x(t) = Σₖ X(k)·exp(+2πi·k·t/n), t = 0 … n − 1: no factor 1/n. O(n·log n) for every length n.
 pub(super) fn inverse_dft(spectrum: &[Complex<f64>]) -> Vec<Complex<f64>> {
     let mut x = spectrum.to_vec();
@@ -106,6 +111,19 @@ pub fn fast_length(n: usize) -> usize {
 mod tests {
     use super::*;
     use std::f64::consts::PI;
+
+    #[test]
+    fn the_transform_and_its_inverse_come_back() {
+        for n in (0..40).chain([127, 128, 151, 1000]) {
+            let x: Vec<_> = (0..n)
+                .map(|t| Complex::new((t as f64 * 1.7).sin(), (t as f64 * t as f64 * 0.3).cos()))
+                .collect();
+            let mut spectrum = x.clone();
+            dft(&mut spectrum);
+            let back = inverse_dft(&spectrum);
+            assert!(back.iter().zip(&x).all(|(b, x)| (b / n as f64 - x).norm() < 1e-12), "{n}");
+        }
+    }
 
     #[test]
     fn inverse_dft_is_the_direct_sum_for_every_length() {

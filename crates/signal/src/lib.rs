@@ -33,7 +33,7 @@ pub use noise::{Noise, NoiseColour, NoiseScaling, add_noise, unit_noise};
 pub use spectra::{CrossSpectra, HANN_LINES};
 pub use spectral_matrix::SpectralMatrix;
 
-pub use fourier::{RealFourier, fast_length};
+pub use fourier::{RealFourier, dft, fast_length};
 
 pub use factors::{refined_roots, unlike};
 pub use polynomial::{evaluate as polynomial, roots};

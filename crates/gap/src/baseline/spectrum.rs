@@ -1,8 +1,7 @@
 //! The spectrum of residuals in cells of frequency, and the frequencies at which they are strong.
 
-use nalgebra::DMatrix;
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
+use deadtime_signal::dft;
+use nalgebra::{Complex, DMatrix};
 
 use crate::input::record::LogRecord;
 
@@ -45,7 +44,6 @@ pub(crate) fn spectrum(
     let edges: Vec<f64> =
         (0..=CELLS).map(|c| low * (high / low).powf(c as f64 / CELLS as f64)).collect();
     let mut cells = vec![Cell::default(); CELLS];
-    let mut planner = FftPlanner::new();
     for (record, residual) in records.iter().zip(residuals).filter(|(r, _)| r.train.is_some()) {
         let mut values: Vec<Complex<f64>> = (0..record.time_s.len())
             .filter(|&k| record.train.is_some_and(|s| s.holds(record.time_s[k])))
@@ -57,7 +55,7 @@ pub(crate) fn spectrum(
             })
             .collect();
         let n = values.len();
-        planner.plan_fft_forward(n).process(&mut values);
+        dft(&mut values);
         for (bin, value) in values.iter().enumerate().take(n / 2).skip(1) {
             let hz = bin as f64 / (n as f64 * record.sample_time_s);
             let cell = edges.partition_point(|e| *e <= hz).clamp(1, CELLS) - 1;

@@ -1,8 +1,8 @@
 //! Commands with too little excitation: constant, one frequency, slower than the model's dynamics, or two that are collinear.
 
 use deadtime_signal::decompositions::symmetric_eigen;
+use deadtime_signal::dft;
 use nalgebra::{Complex, DMatrix, DVector};
-use rustfft::FftPlanner;
 
 use super::evidence::{Evidence, result, short};
 use super::moments::deviation;
@@ -156,7 +156,7 @@ fn band_hz(u: &[f64], sample_time_s: f64) -> Option<f64> {
     let n = u.len();
     let centre = mean(u.iter().copied());
     let mut values: Vec<Complex<f64>> = u.iter().map(|v| Complex::new(v - centre, 0.0)).collect();
-    FftPlanner::new().plan_fft_forward(n).process(&mut values);
+    dft(&mut values);
     let power: Vec<f64> = values.iter().take(n / 2 + 1).skip(1).map(Complex::norm_sqr).collect();
     let total: f64 = power.iter().sum();
     let mut sum = 0.0;
