@@ -29,10 +29,19 @@ fn with_row(text: &str, row: usize, replacement: &str) -> String {
     lines.collect::<Vec<_>>().join("\n") + "\n"
 }
 
+/// By two methods, where the test names none: what is bad shows before any method runs.
 fn estimate(log: &Path, more: &[&str]) -> Run {
     let mut arguments = vec!["estimate", log.to_str().unwrap(), "--input", "u", "--output", "y"];
     arguments.extend(more);
+    if !more.contains(&"--method") {
+        arguments.extend(["--method", "arxstruc", "--method", "oestruc"]);
+    }
     deadtime(&arguments)
+}
+
+fn estimate_by_all(log: &Path, more: &[&str]) -> Run {
+    let arguments = ["estimate", log.to_str().unwrap(), "--input", "u", "--output", "y"];
+    deadtime(&[&arguments, more].concat())
 }
 
 /// Writes the text as a log, runs `estimate` and expects a refusal that says all of this.
@@ -223,7 +232,7 @@ fn a_constant_channel_is_named_with_its_value() {
 fn a_log_too_short_for_some_methods_still_answers_by_the_others() {
     let folder = Folder::new();
     let log = folder.write("short.csv", &good(110));
-    let out = estimate(&log, &["--full"]).words();
+    let out = estimate_by_all(&log, &["--full"]).words();
     // 71 taps need 143 samples.
     assert!(
         out.contains("threshold needs at least 143 samples")
@@ -233,12 +242,12 @@ fn a_log_too_short_for_some_methods_still_answers_by_the_others() {
     );
     assert!(out.contains("Dead time 0.2"), "{out}");
     let tiny = folder.write("tiny.csv", &good(20));
-    let short = estimate(&tiny, &["--max-delay", "1.8"]).words();
+    let short = estimate_by_all(&tiny, &["--max-delay", "1.8"]).words();
     assert!(
         short.contains("No trusted dead time") && short.contains("20 samples are too few"),
         "{short}"
     );
-    let out = estimate(&tiny, &["--max-delay", "1.8", "--full"]).words();
+    let out = estimate_by_all(&tiny, &["--max-delay", "1.8", "--full"]).words();
     for method in ["oestruc", "arxstruc", "threshold_step"] {
         assert!(out.contains(&format!("{method}: too few samples")), "{out}");
     }
@@ -339,7 +348,8 @@ fn bad_options_are_refused_with_what_they_may_be() {
 fn an_option_out_of_range_is_refused_with_what_it_may_be() {
     let folder = Folder::new();
     let log = folder.write("log.csv", &good(400));
-    estimate(&log, &["--set", "threshold.h_std=-2"]).refused(&["threshold: h_std = -2", "above 0"]);
+    estimate(&log, &["--method", "threshold", "--set", "threshold.h_std=-2"])
+        .refused(&["threshold: h_std = -2", "above 0"]);
 }
 
 #[test]
@@ -353,7 +363,7 @@ fn a_model_of_unknown_kind_or_format_says_what_is_read() {
         );
         folder.write(name, &text)
     };
-    let with = |model: &Path| estimate(&log, &["--model", model.to_str().unwrap()]);
+    let with = |model: &Path| estimate_by_all(&log, &["--model", model.to_str().unwrap()]);
     with(&model("kind.toml", "deadtime/model@1", "neural")).refused(&[
         "kind.toml",
         "kind is `neural`",

@@ -149,6 +149,7 @@ fn started_again(count: usize) {
 }
 
 #[test]
+#[ignore = "nightly: two diagnoses through a program"]
 fn an_unstable_simulator_that_is_started_again_finds_what_was_withheld_and_nothing_where_nothing_was()
  {
     started_again(1);

@@ -752,17 +752,27 @@ fn a_level_of_another_operating_point_is_found() {
     assert_eq!(check.ok, None, "{check:?}");
 }
 
-/// 720 logs without a fault: a model that lacks nothing, or a delay, a lag, a dead zone, friction, up to half of its gain or of a parameter; noise white, coloured,
-/// quantised and none. Of six seeds (the variable SEED) each has 0 or 1 false alarm in 720; 1 % is allowed.
+/// 180 logs of each sensor without a fault: a model that lacks nothing, or a delay, a lag, a dead zone, friction, up to half of its gain or of a parameter; noise white, coloured,
+/// quantised and none. Of six seeds (the variable SEED) each has 0 or 1 false alarm in the 720 of all sensors; 1 % is allowed.
 #[test]
 fn logs_without_a_fault_are_left_in_peace() {
+    left_in_peace(&SENSORS[1..2]);
+}
+
+#[test]
+#[ignore = "nightly: every sensor"]
+fn logs_of_any_sensor_without_a_fault_are_left_in_peace() {
+    left_in_peace(&SENSORS);
+}
+
+fn left_in_peace(sensors: &[Sensor]) {
     let (mut runs, mut alarms) = (0, Vec::new());
     for (at, plant) in PLANTS.iter().enumerate() {
         let document = document(plant.model);
         for (which, gap) in gaps(plant, &document).iter().enumerate() {
             let gap: Vec<(&str, &str, Vec<f64>)> =
                 gap.iter().map(|(e, c, v)| (*e, c.as_str(), v.clone())).collect();
-            for (s, sensor) in SENSORS.iter().enumerate() {
+            for (s, sensor) in sensors.iter().enumerate() {
                 let columns = record(
                     plant,
                     &document,
@@ -787,7 +797,11 @@ fn logs_without_a_fault_are_left_in_peace() {
         }
     }
     println!("{} of {runs}", alarms.len());
-    assert!(runs > 700 && 100 * alarms.len() <= runs, "{} of {runs}: {alarms:#?}", alarms.len());
+    assert!(
+        runs > 175 * sensors.len() && 100 * alarms.len() <= runs,
+        "{} of {runs}: {alarms:#?}",
+        alarms.len()
+    );
 }
 
 /// The second thousand that seeds start from; another one draws other logs.

@@ -74,6 +74,7 @@ fn false_alarms(seeds: u64) {
 }
 
 #[test]
+#[ignore = "nightly: a rate over draws"]
 fn open_loop_records_seldom_pass_for_closed_ones_whatever_moves_them() {
     false_alarms(4);
 }

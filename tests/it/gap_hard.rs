@@ -444,6 +444,7 @@ fn no_direct_path(clean: std::ops::Range<u64>) {
 }
 
 #[test]
+#[ignore = "nightly: one more diagnosis"]
 fn feedback_of_the_same_sample_is_no_direct_path() {
     no_direct_path(620..621);
 }
@@ -567,6 +568,7 @@ fn shaken(frequencies: &[f64]) {
 }
 
 #[test]
+#[ignore = "nightly: one more diagnosis"]
 fn a_shaking_between_the_lines_of_a_coarse_spectrum_is_found() {
     shaken(&[1.9]);
 }
@@ -666,6 +668,7 @@ fn large_and_small() -> (ModelDocument, [Log; 2], [Log; 1]) {
 }
 
 #[test]
+#[ignore = "nightly: one more diagnosis"]
 fn a_small_part_of_a_large_gap_is_a_cause_where_it_is_seen() {
     let (model, logs, held) = large_and_small();
     let d = diagnosed(&model, &logs, &held);

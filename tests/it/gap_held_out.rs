@@ -48,16 +48,8 @@ fn the_same_training_logs_have_the_same_causes_whatever_is_held_out() {
     let slower = as_log("slower.csv", time_s, &u, &outputs);
     let first = decided(&diagnosed(&model, &training, std::slice::from_ref(&same)));
     assert!(first.to_string().contains("input_gain"), "{first}");
-    // Shorter than the others in part, and slower.
-    for other in [vec![another, short], vec![slower]] {
-        let found = decided(&diagnosed(&model, &training, &other));
-        assert_eq!(
-            found,
-            first,
-            "held out: {:?}",
-            other.iter().map(|l| l.source()).collect::<Vec<_>>()
-        );
-    }
+    // Another machine's, one shorter than the others and one slower.
+    assert_eq!(decided(&diagnosed(&model, &training, &[another, short, slower])), first);
 }
 
 /// The last part of a log that is held out of it is read by nothing that selects either.

@@ -238,6 +238,7 @@ fn over_horizon(effects: &[(&str, &str, &[f64])], horizon: usize) -> Diagnosed {
 
 /// The model integrates: what it misses grows with the steps ahead, and with the cause in it what is left is the sensor's noise and that of the states begun from.
 #[test]
+#[ignore = "nightly: one more diagnosis"]
 fn a_cause_is_named_and_the_error_is_told_by_horizon() {
     let found = over_horizon(&[("coulomb_friction", "v", &[0.5])], 25);
     let d = &found.diagnosis;

@@ -113,6 +113,7 @@ fn a_friction_that_hardly_falls_with_speed_is_an_alias_of_a_plain_one() {
 /// A delay of all outputs and a clock offset are aliases, given a friction and a gain: whichever is named, the other is in its class. A delay of the command differs
 /// by what it does before the first command arrives, from a known initial state.
 #[test]
+#[ignore = "nightly: drawn mixtures"]
 fn what_cannot_be_told_apart_from_a_cause_is_told_beside_it() {
     let truth: [(&str, &str, &[f64]); 3] = [
         ("clock_offset", "*", &[0.12]),

@@ -161,6 +161,7 @@ fn disturbed(cases: &[(u64, f64)]) {
 }
 
 #[test]
+#[ignore = "nightly: one more diagnosis"]
 fn a_disturbed_input_behind_a_fixed_delay_is_no_random_delay() {
     disturbed(&[(820, 0.1)]);
 }
@@ -203,6 +204,7 @@ fn not_shown(cases: &[(u64, Sent)]) {
 }
 
 #[test]
+#[ignore = "nightly: one more diagnosis"]
 fn a_jump_that_held_out_data_do_not_show_is_named_and_not_random_delays() {
     not_shown(&[(850, sines)]);
 }

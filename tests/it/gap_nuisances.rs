@@ -169,6 +169,7 @@ fn changed(log: &Log, output: &str, from_s: f64) -> Log {
 }
 
 #[test]
+#[ignore = "nightly: one more diagnosis"]
 fn of_a_held_out_log_the_first_part_tells_the_constants_and_the_rest_is_scored() {
     let all = logs(("input_offset", "u"), &TRIMS, Some(DELAY), 6300);
     let model = declared(&[("input_offset", "u", 0.5)]);
@@ -200,6 +201,7 @@ fn without_nuisances_a_held_out_log_is_scored_as_a_whole() {
 }
 
 #[test]
+#[ignore = "nightly: one more diagnosis"]
 fn an_estimate_that_its_prior_contradicts_and_one_that_is_alike_are_told() {
     let far = logs(("input_offset", "u"), &TRIMS, None, 6400);
     let beyond = found(&declared(&[("input_offset", "u", 0.05)]), &far[..2], &far[2..]);
@@ -271,6 +273,7 @@ D = [[0.0], [0.0]]
 
 /// A mean holds what the commands did on average: a constant on that output is no cause, and what is one is found beside it.
 #[test]
+#[ignore = "nightly: one more diagnosis"]
 fn the_level_of_an_output_whose_operating_point_is_the_mean_is_a_nuisance() {
     let (machine, model) = (about_a_point("30.0"), about_a_point("\"mean\""));
     let runs = |acting: &[(&str, &str, &[f64])], seed: u64| -> Vec<Log> {

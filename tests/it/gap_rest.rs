@@ -38,6 +38,7 @@ fn diagnosed_with(more: &str, seed: u64) -> Diagnosed {
 pub(crate) static SUSPECT: LazyLock<Diagnosed> = LazyLock::new(|| diagnosed_with(SUSPECTED, 5100));
 
 #[test]
+#[ignore = "nightly: a diagnosis without a name"]
 fn a_force_of_no_catalogue_is_told_by_what_it_goes_with() {
     described_as(SUSPECTED, &SUSPECT, "x*u", "x*u", |a| 4.0 * a);
 }
@@ -106,6 +107,7 @@ fn a_lag_inside_the_equations_has_a_floor_and_a_verdict() {
 
 /// What remains suggests its own term, and a second diagnosis finds it with its size.
 #[test]
+#[ignore = "nightly: two diagnoses"]
 fn a_suggested_term_is_found_with_its_size() {
     suggested(SUSPECTED, 5100, "v += k*x*u", 4.0);
 }

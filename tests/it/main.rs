@@ -52,7 +52,6 @@ mod events;
 #[cfg(feature = "cli")]
 mod export;
 #[cfg(all(feature = "cli", unix))]
-mod faults;
 mod frequency;
 mod fuzz;
 #[cfg(feature = "cli")]

@@ -74,6 +74,7 @@ fn in_two_threads<T: Send>(work: impl FnOnce() -> T + Send) -> T {
 }
 
 #[test]
+#[ignore = "nightly: drawn loops"]
 fn unstable_plants_in_many_loops_are_found_where_simulation_cannot_follow() {
     let colours =
         ["white equation error", "moving average", "white on the output", "slow on the output"];

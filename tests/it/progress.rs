@@ -39,6 +39,7 @@ fn equations() -> EquationsFile {
 }
 
 #[test]
+#[ignore = "nightly: what lasts"]
 fn what_lasts_says_how_far_it_is_to_its_end() {
     let logs: Vec<_> = (1..=2).map(|seed| swing(0.02, 0.9, 0.3, 0.01, 0.001, seed)).collect();
     let names = |list: [&str; 1]| list.map(str::to_owned).to_vec();

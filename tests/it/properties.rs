@@ -499,6 +499,7 @@ fn oestruc_says_no_wrong_delay_of_an_unstable_plant_flown_in_closed_loop() {
 }
 
 #[test]
+#[ignore = "nightly: every method over draws"]
 fn two_lags_behind_a_hold_do_not_hide_the_delay_from_a_method_that_promises_it() {
     for method in promising(Law::Exact) {
         for noise in [0.0, 0.01] {

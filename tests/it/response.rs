@@ -188,6 +188,7 @@ fn intervals_of_both_methods_hold_the_truth_as_often_as_they_say() {
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn intervals_hold_the_truth_with_two_inputs_that_are_correlated_and_two_outputs() {
     let plants =
         [[smooth(), resonant(0.7, 1.0)], [resonant(0.6, 0.4), Plant { b: -0.3, ..smooth() }]];

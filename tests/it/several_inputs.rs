@@ -82,6 +82,7 @@ fn two_inputs_with_a_fraction_each_are_found_exactly_where_there_is_no_noise() {
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn intervals_of_two_inputs_hold_their_delays_and_are_narrower_than_those_of_one_at_a_time() {
     let delays = [0.15, 0.62];
     let (mut inside, mut tried, mut narrower) = (0, 0, 0);

@@ -146,6 +146,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 6, ..ProptestConfig::default() })]
 
     #[test]
+    #[ignore = "nightly: a diagnosis in every mode"]
     fn a_gap_is_diagnosed_in_every_mode(model in drawn(), seed in any::<u64>(), late in 3..8usize) {
         let file = document(&model.text);
         let logs = [log(&file, model.inputs, model.gain, model.late + late, 240, seed)];

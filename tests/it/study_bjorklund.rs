@@ -37,6 +37,7 @@ fn score(study: &Study, grid: &str, place: Place, method: &str, kept: f64) -> f6
 }
 
 #[test]
+#[ignore = "nightly: a study"]
 fn the_open_loop_cells_come_out_as_published() {
     let (study, _) = run(&part(
         "bjorklund",
@@ -77,6 +78,7 @@ fn the_open_loop_cells_come_out_as_published() {
 }
 
 #[test]
+#[ignore = "nightly: a study"]
 fn loops_are_estimated_from_their_input_better_than_from_their_reference() {
     let (study, _) = run(&part("bjorklund", &["closed"], &["oestruc", "arxstruc"], 6));
     assert!(

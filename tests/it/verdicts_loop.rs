@@ -129,6 +129,7 @@ fn centred(x: &[f64]) -> Vec<f64> {
 }
 
 #[test]
+#[ignore = "nightly: coverage over draws"]
 fn the_interval_of_a_loop_that_a_reference_moves_holds_the_dead_time() {
     let draws = 48_u64;
     let refused = std::sync::atomic::AtomicUsize::new(0);
@@ -208,7 +209,7 @@ fn feedback_is_found_where_noise_moves_the_input_and_seldom_elsewhere() {
 
 #[test]
 fn a_loop_that_nothing_but_its_noise_moves_has_no_verdict_and_the_experiment_is_named() {
-    for seed in 0..12 {
+    for seed in 0..4 {
         let d = looped(seed, None, 1.0);
         let verdict = answered(&d.u, &d.y, None).verdict;
         assert!(verdict.delay_s.is_none(), "{seed}: {verdict:?}");
@@ -243,7 +244,7 @@ fn the_part_of_the_input_that_the_output_did_not_cause_is_what_the_reference_mak
 
 #[test]
 fn channels_that_were_exchanged_are_to_be_exchanged_and_nothing_moves() {
-    for seed in 0..2 {
+    for seed in 0..1 {
         let source = coloured(1000, 0.5, 60 + seed);
         let later = sum(
             &Running::new([0.3, 0.0], 5.0 + seed as f64).respond(&source),

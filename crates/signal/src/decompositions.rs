@@ -160,7 +160,7 @@ pub fn eigenvalues(a: &DMatrix<f64>) -> Vec<Complex<f64>> {
     if decomposable(a) {
         if let Some(schur) = Schur::try_new(a.clone(), f64::EPSILON, STEPS_EACH * n) {
             let values = schur.complex_eigenvalues();
-            if values.iter().all(|v| ComplexField::is_finite(v)) {
+            if values.iter().all(ComplexField::is_finite) {
                 return values.iter().copied().collect();
             }
         }

@@ -384,7 +384,7 @@ mod tests {
     #[test]
     fn an_integrating_plant_is_recognised_and_its_dead_time_held() {
         // 25 % of the search window.
-        assert!(recognised(0..6) < 9.0);
+        assert!(recognised(0..3) < 9.0);
     }
 
     #[test]

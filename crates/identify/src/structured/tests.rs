@@ -254,8 +254,19 @@ fn intervals_hold_dead_times_of_parts_of_samples() {
 
 #[test]
 fn two_dead_times_of_a_nonlinear_system_are_found_with_its_parameters() {
+    // Of ten intervals of 95 %, fewer than 8 hold the truth in one of 87 cases.
+    two_dead_times(0..5, 8);
+}
+
+#[test]
+#[ignore = "nightly: coverage over draws"]
+fn two_dead_times_of_a_nonlinear_system_are_found_with_its_parameters_in_twenty_draws() {
+    two_dead_times(0..20, 35);
+}
+
+fn two_dead_times(seeds: std::ops::Range<u64>, least: usize) {
     let (mut held, mut all) = (0, 0);
-    for seed in 0..20 {
+    for seed in seeds {
         let mut random = ChaCha8Rng::seed_from_u64(700 + seed);
         let late = [random.random_range(0..15 * FINE), random.random_range(0..15 * FINE)];
         let logs = [swung(late, (800, 8, 0.005), seed)];
@@ -273,7 +284,7 @@ fn two_dead_times_of_a_nonlinear_system_are_found_with_its_parameters() {
             assert!((p.value - truth).abs() < 5.0 * p.std.max(1e-3 * truth), "{p:?}");
         }
     }
-    assert!(held >= 35, "{held} of {all}");
+    assert!(held >= least, "{held} of {all}");
 }
 
 #[test]
