@@ -824,12 +824,6 @@ fn withstands(records: u64) {
 
 #[test]
 #[ignore = "nightly: coverage over draws"]
-fn what_a_method_claims_to_withstand_leaves_the_truth_inside_its_interval() {
-    withstands(4);
-}
-
-#[test]
-#[ignore = "nightly: coverage over draws"]
 fn what_a_method_claims_to_withstand_leaves_the_truth_inside_its_interval_in_twelve_records() {
     withstands(12);
 }
