@@ -752,8 +752,8 @@ fn a_level_of_another_operating_point_is_found() {
     assert_eq!(check.ok, None, "{check:?}");
 }
 
-/// 180 logs of each sensor without a fault: a model that lacks nothing, or a delay, a lag, a dead zone, friction, up to half of its gain or of a parameter; noise white, coloured,
-/// quantised and none. Of six seeds (the variable SEED) each has 0 or 1 false alarm in the 720 of all sensors; 1 % is allowed.
+/// 180 logs of each sensor without a fault: a model that lacks nothing, or a delay, a lag, a dead zone, friction, up to half of its gain or of a parameter; noise
+/// white, coloured, quantised and none. Of six seeds (the variable SEED) each has 0 or 1 false alarm in the 720 of all sensors; 1 % is allowed.
 #[test]
 fn logs_without_a_fault_are_left_in_peace() {
     left_in_peace(&SENSORS[1..2]);

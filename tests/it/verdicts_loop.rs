@@ -209,7 +209,17 @@ fn feedback_is_found_where_noise_moves_the_input_and_seldom_elsewhere() {
 
 #[test]
 fn a_loop_that_nothing_but_its_noise_moves_has_no_verdict_and_the_experiment_is_named() {
-    for seed in 0..4 {
+    moved_by_noise(0..4);
+}
+
+#[test]
+#[ignore = "nightly: more draws"]
+fn loops_that_nothing_but_their_noise_moves_have_no_verdict() {
+    moved_by_noise(4..12);
+}
+
+fn moved_by_noise(seeds: std::ops::Range<u64>) {
+    for seed in seeds {
         let d = looped(seed, None, 1.0);
         let verdict = answered(&d.u, &d.y, None).verdict;
         assert!(verdict.delay_s.is_none(), "{seed}: {verdict:?}");
@@ -244,7 +254,17 @@ fn the_part_of_the_input_that_the_output_did_not_cause_is_what_the_reference_mak
 
 #[test]
 fn channels_that_were_exchanged_are_to_be_exchanged_and_nothing_moves() {
-    for seed in 0..1 {
+    exchanged(&[0]);
+}
+
+#[test]
+#[ignore = "nightly: more draws"]
+fn channels_that_were_exchanged_are_to_be_exchanged_in_another_draw() {
+    exchanged(&[1]);
+}
+
+fn exchanged(seeds: &[u64]) {
+    for &seed in seeds {
         let source = coloured(1000, 0.5, 60 + seed);
         let later = sum(
             &Running::new([0.3, 0.0], 5.0 + seed as f64).respond(&source),

@@ -112,12 +112,16 @@ mod tests {
     use super::*;
     use std::f64::consts::PI;
 
+    fn complex(n: usize) -> Vec<Complex<f64>> {
+        let value =
+            |k: usize| Complex::new((k as f64 * 1.7).sin(), (k as f64 * k as f64 * 0.3).cos());
+        (0..n).map(value).collect()
+    }
+
     #[test]
     fn the_transform_and_its_inverse_come_back() {
         for n in (0..40).chain([127, 128, 151, 1000]) {
-            let x: Vec<_> = (0..n)
-                .map(|t| Complex::new((t as f64 * 1.7).sin(), (t as f64 * t as f64 * 0.3).cos()))
-                .collect();
+            let x = complex(n);
             let mut spectrum = x.clone();
             dft(&mut spectrum);
             let back = inverse_dft(&spectrum);
@@ -128,9 +132,7 @@ mod tests {
     #[test]
     fn inverse_dft_is_the_direct_sum_for_every_length() {
         for n in (1..70).chain([127, 128, 151, 1000]) {
-            let spectrum: Vec<_> = (0..n)
-                .map(|k| Complex::new((k as f64 * 1.7).sin(), (k as f64 * k as f64 * 0.3).cos()))
-                .collect();
+            let spectrum = complex(n);
             for (t, fast) in inverse_dft(&spectrum).iter().enumerate() {
                 let slow: Complex<f64> = spectrum
                     .iter()
