@@ -1,8 +1,8 @@
 //! Sums of products of two signals at many lags: every sample is read once per block and multiplied in registers.
 
+use deadtime_signal::parallel;
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
-use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 /// Samples of a block: two signals of it stay in the first-level cache.
 const BLOCK: usize = 2048;
@@ -31,7 +31,7 @@ fn sums(tasks: &[Lags], first: usize, end: usize) -> Vec<f64> {
         return part(first);
     }
     let starts: Vec<usize> = (first..end).step_by(CHUNK).collect();
-    let parts: Vec<Vec<f64>> = starts.into_par_iter().map(part).collect();
+    let parts: Vec<Vec<f64>> = parallel::map(starts, part);
     let mut sum = vec![0.0; total];
     for part in parts {
         for (s, p) in sum.iter_mut().zip(part) {

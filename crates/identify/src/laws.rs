@@ -8,7 +8,6 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
-use rayon::prelude::*;
 
 use crate::matching::{Matching, Target};
 use crate::rival::polynomial;
@@ -18,6 +17,7 @@ use crate::subspace::{
 use crate::transfer::Riv;
 use deadtime_model::c2d::{Conversion, ZeroOrderHold};
 use deadtime_model::{Continuous, ModelDocument, StateSpace, TransferFunction};
+use deadtime_signal::parallel;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::time::SampleTime;
 
@@ -67,7 +67,7 @@ fn a_slow_pole_lies_within_its_interval_whatever_the_mean_of_the_record() {
             let found = identified(&Pbsidopt(settings), &data).poles()[0];
             (found.re - pole) / found.std_re.unwrap()
         };
-        let off: Vec<f64> = (0..RECORDS).into_par_iter().map(off).collect();
+        let off: Vec<f64> = parallel::map(0..RECORDS, off);
         let inside = off.iter().filter(|z| z.abs() < 2.0).count();
         // 95 % of 20: fewer than 16 in less than one of 300 such tests.
         assert!(inside >= 16, "{pole}, {k}: {inside} of {RECORDS}: {off:.2?}");
@@ -163,7 +163,7 @@ fn transfer_functions_of_fast_samples_have_no_bias() {
             let f = found.parameters.iter().filter(|p| p.name.starts_with('f'));
             f.zip(&truth).map(|(p, truth)| (p.value - truth) / p.std.unwrap()).collect()
         };
-        let off: Vec<Vec<f64>> = (0..RECORDS).into_par_iter().map(one).collect();
+        let off: Vec<Vec<f64>> = parallel::map(0..RECORDS, one);
         for k in 0..truth.len() {
             let mean = off.iter().map(|z| z[k]).sum::<f64>() / RECORDS as f64;
             // Four standard deviations of the mean.
@@ -254,7 +254,7 @@ fn orders_do_not_exceed_the_plant() {
             [&N4sid(settings.clone()), &Moesp(settings.clone()), &Pbsidopt(settings)];
         methods.iter().map(|m| identified(*m, &data).model.order()).collect()
     };
-    let all: Vec<usize> = (0..RECORDS).into_par_iter().flat_map(found).collect();
+    let all: Vec<usize> = parallel::map(0..RECORDS, found).into_iter().flatten().collect();
     // Schwarz's criterion and free runs each err in a few of a hundred records.
     let right = all.iter().filter(|n| **n == 3).count();
     assert!(right * 10 >= all.len() * 9, "{all:?}");

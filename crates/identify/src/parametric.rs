@@ -4,7 +4,6 @@ use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
-use rayon::prelude::*;
 use serde::Serialize;
 
 use super::error::IdentifyError;
@@ -16,6 +15,7 @@ use crate::subspace::order::{OrderChoice, Sure};
 use crate::subspace::recordings::Recordings;
 use crate::subspace::uncertainty::Draws;
 use deadtime_model::{Continuous, StateSpace};
+use deadtime_signal::parallel;
 
 /// Further properties of a model of a given structure.
 #[derive(Debug, Clone, PartialEq)]
@@ -108,13 +108,8 @@ impl Cloud {
     /// Models of drawn parameters, each with its own delays.
     pub fn models(&self, count: usize, build: &Build<'_>) -> Draws {
         let all = |size: f64| -> (Vec<InnovationsModel>, Vec<Vec<usize>>) {
-            (0..count)
-                .into_par_iter()
-                .filter_map(|i| build(&self.draw(i, size)))
-                .filter(|(m, _)| m.is_finite())
-                .collect::<Vec<_>>()
-                .into_iter()
-                .unzip()
+            let built = parallel::filter_map(0..count, |i| build(&self.draw(i, size)));
+            built.into_iter().filter(|(m, _)| m.is_finite()).unzip()
         };
         let ((whole, whole_delays), (small, small_delays)) = (all(1.0), all(STEP));
         Draws { whole, small, step: STEP, whole_delays, small_delays }
@@ -207,11 +202,10 @@ pub fn coloured(
     let variance = variance * freedom;
     // Averages over the uncertainty of the noise: slow columns are compared with its slow part, which few samples determine.
     let cloud = Cloud::of(d.clone(), &covariance, 1)?;
-    let drawn = (0..NOISES)
-        .into_par_iter()
-        .map(|i| cloud.draw(i, 1.0))
-        .filter(|d| is_stable(d) && 1.0 + d.iter().sum::<f64>() > SLOWEST);
-    let each: Vec<DMatrix<f64>> = drawn.filter_map(|d| system.inverse_under(&d)).collect();
+    let usable = |d: &Vec<f64>| is_stable(d) && 1.0 + d.iter().sum::<f64>() > SLOWEST;
+    let each: Vec<DMatrix<f64>> = parallel::filter_map(0..NOISES, |i| {
+        Some(cloud.draw(i, 1.0)).filter(usable).and_then(|d| system.inverse_under(&d))
+    });
     let mean = if each.is_empty() {
         system.inverse_under(&d)?
     } else {

@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -14,6 +13,7 @@ use crate::rival::{FAR, Rival, polynomial};
 use crate::subspace::identifier::{Identified, Identifier};
 use crate::subspace::innovations::{Direct, InnovationsModel};
 use crate::subspace::recordings::{Recordings, Scales, Stretch};
+use deadtime_signal::parallel;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stats::{self, interval95};
 
@@ -244,8 +244,7 @@ fn gain(outputs: &[Vec<f64>], noise: usize, loss: f64) -> f64 {
 
 /// The model of smallest loss from any of these starts.
 fn smallest(orders: &RefinedIv, problem: &IvProblem<'_>, starts: Vec<Vec<f64>>) -> Option<IvFit> {
-    let fits: Vec<IvFit> =
-        starts.into_par_iter().filter_map(|start| orders.refine(problem, start)).collect();
+    let fits: Vec<IvFit> = parallel::filter_map(starts, |start| orders.refine(problem, start));
     fits.into_iter().min_by(|a, b| a.loss.total_cmp(&b.loss))
 }
 
@@ -328,7 +327,7 @@ impl Search<'_> {
             let fits = starts.filter_map(|start| self.rough.refine(&problem, start));
             fits.min_by(|a, b| a.loss.total_cmp(&b.loss)).map(|fit| (lag, fit))
         };
-        (from..=to).into_par_iter().map(at).collect()
+        parallel::map(from..=to, at)
     }
 
     /// First and last of the most likely lags with 95 % of the total likelihood.

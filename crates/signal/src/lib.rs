@@ -1,4 +1,4 @@
-//! The lowest layer of `deadtime`: time, signals and their noise, spectra, statistics, least squares, text, progress, files.
+//! The lowest layer of `deadtime`: time, signals and their noise, spectra, statistics, least squares, text, threads, progress, files.
 
 mod butterworth;
 mod correlation;
@@ -12,6 +12,7 @@ mod flatten;
 mod fourier;
 mod fractional_delay;
 mod noise;
+pub mod parallel;
 mod polynomial;
 pub mod progress;
 pub mod registry;

@@ -5,6 +5,7 @@ use std::cmp::Ordering;
 use super::error::StudyError;
 use super::keys::Loop;
 use super::plan::{Grid, Plan, spelt};
+use deadtime_signal::parallel;
 use deadtime_signal::remedy::Remedy;
 
 /// Bytes in a gigabyte.
@@ -64,7 +65,7 @@ impl Needs {
             estimates += of_grid * methods * grid.trials as f64;
             largest = largest.max(grid.samples.iter().copied().max().unwrap_or(0) as f64);
         }
-        let threads = rayon::current_num_threads() as f64;
+        let threads = parallel::threads() as f64;
         let memory = settings * SETTING
             + cells * CELL
             + threads * largest * CHANNELS * COPIES * size_of::<f64>() as f64;

@@ -8,7 +8,6 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Exp1, StandardNormal};
-use rayon::prelude::*;
 
 use super::error::Result;
 use deadtime_delay::{
@@ -19,6 +18,7 @@ use deadtime_model::simulate::{Options, Response, lsim};
 use deadtime_model::uav::Dynamics;
 use deadtime_model::{Continuous, StateSpace};
 use deadtime_signal::excitation::Rbs;
+use deadtime_signal::parallel;
 use deadtime_signal::time::SampleTime;
 use deadtime_signal::{Excitation, Noise, NoiseColour, NoiseScaling, stats};
 
@@ -117,10 +117,9 @@ impl Common {
     }
 
     fn records(&self, kind: ReferenceExperiment) -> Result<Vec<Known>> {
-        (0..self.trials)
-            .into_par_iter()
-            .map(|t| self.experiment(kind, t).map(|(experiment, delay)| (experiment, delay, 0)))
-            .collect()
+        parallel::try_map(0..self.trials, |t| {
+            self.experiment(kind, t).map(|(experiment, delay)| (experiment, delay, 0))
+        })
     }
 
     /// The random numbers of record `trial`, its true delay drawn first: the same for every kind.
@@ -387,10 +386,7 @@ fn answer(
 }
 
 fn score(method: &Method, estimator: &dyn DelayEstimator, records: &[Known]) -> CommonScore {
-    let answers: Vec<(f64, bool)> = records
-        .par_iter()
-        .map(|r| answer(method, estimator, r))
-        .collect::<Vec<_>>()
+    let answers: Vec<(f64, bool)> = parallel::map(records.iter(), |r| answer(method, estimator, r))
         .into_iter()
         .flatten()
         .collect();

@@ -8,7 +8,6 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::block_file::Damaged;
@@ -22,6 +21,7 @@ use super::seal;
 use super::setting::Setting;
 use super::tally::Tally;
 use deadtime_signal::file::{read_text, sweep, write_atomic};
+use deadtime_signal::parallel;
 use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stop::Stop;
 
@@ -307,7 +307,7 @@ impl Tasks {
             }
             Ok(self.sound(task)?.err().map(|why| (task, Some(Damaged { file: path, why }))))
         };
-        let missing = (0..self.len()).into_par_iter().map(state).collect::<Result<Vec<_>>>()?;
+        let missing = parallel::try_map(0..self.len(), state)?;
         let (tasks, damaged): (Vec<usize>, Vec<Option<Damaged>>) =
             missing.into_iter().flatten().unzip();
         Ok((tasks, damaged.into_iter().flatten().collect()))
@@ -385,7 +385,7 @@ impl Tasks {
             }
             Ok(tallies)
         };
-        let added = runs.par_iter().map(of_run).collect::<Result<Vec<_>>>()?;
+        let added = parallel::try_map(&runs, of_run)?;
         let mut tallies = vec![Tally::default(); cells];
         for (cell, tally) in added.into_iter().flatten() {
             if let Some(place) = tallies.get_mut(cell) {

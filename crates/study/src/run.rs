@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use rayon::prelude::*;
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
@@ -23,6 +22,7 @@ use super::plan::{PLAIN, Plan};
 use super::results::{Cell, FORMAT, Kept, Score, Study};
 use super::tally::{Tally, kept};
 use deadtime_signal::file::{Lock, sweep, write_atomic};
+use deadtime_signal::parallel;
 use deadtime_signal::remedy::{Message, Remedy};
 use deadtime_signal::stats;
 use deadtime_signal::stop::Stop;
@@ -80,8 +80,7 @@ impl Runner {
     /// As [`Self::new`].
     pub fn within(plan: &Plan, budget: &Budget) -> Result<Self> {
         let runner = Self::untried(plan, budget)?;
-        let tried = runner.layout.settings.par_iter().map(|s| made(plan, s, 0).map(|_| ()));
-        tried.collect::<Result<Vec<()>>>()?;
+        parallel::try_map(&runner.layout.settings, |s| made(plan, s, 0).map(|_| ()))?;
         Ok(runner)
     }
 
@@ -168,7 +167,7 @@ impl Runner {
             let damaged = |why| Damaged { file: path.clone(), why };
             Ok(self.block_file(*number).body(path)?.err().map(damaged))
         };
-        let checked = there.par_iter().map(whole).collect::<Result<Vec<_>>>()?;
+        let checked = parallel::try_map(&there, whole)?;
         let done = there
             .iter()
             .zip(&checked)
@@ -472,7 +471,7 @@ fn shared_out(count: usize, work: impl Fn(usize) -> Result<()> + Sync) -> Result
         }
         Ok(())
     };
-    let workers = rayon::current_num_threads().min(count);
+    let workers = parallel::threads().min(count);
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
         let ended = |w: std::thread::ScopedJoinHandle<'_, Result<()>>| {

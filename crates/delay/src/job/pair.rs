@@ -1,7 +1,5 @@
 //! One pair: the conditions of its record, every method's estimate, and the verdict.
 
-use rayon::prelude::*;
-
 use super::answers::{MethodAnswer, pair};
 use super::asked::{Feedback, Job};
 use super::chosen::Ready;
@@ -28,6 +26,7 @@ use crate::verdict::conclusion::{RecordFacts, Verdict};
 use crate::watched;
 use crate::window::at_its_end;
 use deadtime_identify::Record;
+use deadtime_signal::parallel;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stats::NORMAL_95;
 use deadtime_signal::time::SampleTime;
@@ -276,7 +275,7 @@ impl OnePair<'_, '_> {
             steps.one_more();
             Ok(answer)
         };
-        asked.into_par_iter().map(answer).collect()
+        parallel::try_map(asked, answer)
     }
 }
 

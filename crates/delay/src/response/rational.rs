@@ -4,7 +4,6 @@
 //! V^(−N)·N^(−p/2) of Schwarz's criterion, V the mean square residual, N real numbers, p parameters.
 
 use nalgebra::Complex;
-use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::estimator::{ResponseEstimator, ResponseMethod, ResponseSearch, ends};
@@ -15,6 +14,7 @@ use crate::estimator::options;
 use crate::method::Class;
 use crate::posterior;
 use deadtime_log::{FrequencyResponse, Quality};
+use deadtime_signal::parallel;
 use deadtime_signal::registry::entry;
 
 /// Inputs: H(iω) at N frequencies, of a continuous plant, with its coherence or standard deviations if known. Output: seconds. The half sample of a hold, where H is that of a sampled
@@ -174,15 +174,14 @@ impl Asked<'_> {
             .collect();
         // Beyond the band a zero in the right half-plane acts as a delay, and is counted as one.
         let beyond = |f: &FittedFraction| zeros(f).iter().any(|z| z.re > 0.0 && z.norm() > end);
-        orders
-            .par_iter()
-            .flat_map_iter(|(w, orders)| {
-                let found = weightings.get(*w).map_or_else(Vec::new, |points| {
-                    points.minima(&points.thinned(stride), *orders, delays, &self.search.stop)
-                });
-                found.into_iter().filter(|f| !beyond(f)).map(|f| (*w, f))
-            })
-            .collect()
+        let minima = parallel::map(orders, |(w, orders)| {
+            let mut found = weightings.get(w).map_or_else(Vec::new, |points| {
+                points.minima(&points.thinned(stride), orders, delays, &self.search.stop)
+            });
+            found.retain(|f| !beyond(f));
+            found.into_iter().map(|f| (w, f)).collect::<Vec<_>>()
+        });
+        minima.into_iter().flatten().collect()
     }
 
     /// The estimate of the best of all minima.

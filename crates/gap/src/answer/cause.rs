@@ -1,7 +1,5 @@
 //! The section `cause`: the verdict with its effects, the ranking, and the classes of indistinguishable effects.
 
-use rayon::prelude::*;
-
 use super::experiment;
 use super::experiment::experiment;
 use super::found_effects::found_effects;
@@ -18,6 +16,7 @@ use crate::judge::verdict::Judged;
 use crate::likelihood::gaussian::Likelihood;
 use crate::search::catalogue_search::SearchResult;
 use deadtime_model::effect::{Applied, Scales};
+use deadtime_signal::parallel;
 
 /// The number of pairs in the ranking.
 const PAIRS: usize = 5;
@@ -167,10 +166,9 @@ fn ranking(
     let mut odds = Odds::of(composed, named, classes);
     let sum: f64 = listed.iter().map(|e| odds.given(e)).sum();
     odds.unknown += (odds.list - sum).max(0.0);
-    let mut rows: Vec<(f64, bool, RankingRow)> = listed
-        .par_iter()
-        .map(|e| (odds.given(e), odds.leads(e), row(e, odds.given(e), after(e))))
-        .collect();
+    let mut rows: Vec<(f64, bool, RankingRow)> = parallel::map(listed.iter(), |e| {
+        (odds.given(e), odds.leads(e), row(e, odds.given(e), after(e)))
+    });
     let plain = |effect: &str, probability: f64| {
         RankingRow::Single(RankedSingle {
             effect: effect.to_owned(),

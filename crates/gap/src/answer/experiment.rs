@@ -8,7 +8,6 @@
 //! Both get advice by the kinds of the competing hypotheses only.
 
 use nalgebra::DVector;
-use rayon::prelude::*;
 
 use crate::format::diagnosis::Mode;
 use crate::format::next_experiment::{Advice, NextExperiment, Proposal, SAMPLES, Signal};
@@ -16,6 +15,7 @@ use crate::judge::prior_sensitivity::PriorSensitivity;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Applied, Chance, Scales, Site, Telling};
 use deadtime_model::simulate::Commands;
+use deadtime_signal::parallel;
 
 /// One experiment: its commands and where the state starts.
 struct Trial {
@@ -61,10 +61,7 @@ pub(crate) fn experiment(
     let expected = |trial: &Trial| {
         Some((apart(likelihood, scales, &time_s, trial, own, rival)?, trial.signal))
     };
-    let best = trials
-        .par_iter()
-        .filter_map(expected)
-        .collect::<Vec<_>>()
+    let best = parallel::filter_map(trials.iter(), expected)
         .into_iter()
         .max_by(|a, b| a.0.total_cmp(&b.0));
     // A simulator that can only replay its recorded runs.

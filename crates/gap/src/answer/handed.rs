@@ -7,8 +7,6 @@
 //!
 //! How it can be wrong: the held-out data selects here, so a true reduction near 0 is overestimated; the reported reduction is never negative.
 
-use rayon::prelude::*;
-
 use super::held_out::HeldOut;
 use crate::format::caveat::Caveat;
 use crate::hypothesis::direction::with;
@@ -18,6 +16,7 @@ use crate::likelihood::errors::{Errors, overall};
 use crate::likelihood::gaussian::Likelihood;
 use crate::likelihood::residuals::simulated;
 use deadtime_model::effect::{Applied, Lateness, Scales, row};
+use deadtime_signal::parallel;
 
 /// An alias of a latent sequence must lower the training error to this part of the nominal error; 1.
 const HELPS: f64 = 0.98;
@@ -138,6 +137,6 @@ fn aliases(
     if likelihood.system.is_black_box() {
         INSTEAD.iter().filter_map(fitted).collect()
     } else {
-        INSTEAD.par_iter().filter_map(fitted).collect()
+        parallel::filter_map(INSTEAD.iter(), fitted)
     }
 }

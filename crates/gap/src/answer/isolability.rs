@@ -6,7 +6,6 @@
 
 use deadtime_signal::decompositions::{singular_values, symmetric_eigen};
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::experiment;
@@ -15,6 +14,7 @@ use crate::input::record::LogRecord;
 use crate::likelihood::active_effects::NO_EFFECT;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Role, Scales};
+use deadtime_signal::parallel;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stats;
 
@@ -140,7 +140,7 @@ pub(crate) fn isolability(
         steps.one_more();
         Candidate { signatures, applied }
     };
-    let candidates: Vec<Candidate> = (catalogue.into_par_iter()).map(candidate).collect();
+    let candidates: Vec<Candidate> = parallel::map(catalogue, candidate);
     let visible = |c: &Candidate| c.signatures.iter().any(|s| s.strength >= visible_from);
     let cosines = cosines(&candidates);
     let rival = |i: usize| {

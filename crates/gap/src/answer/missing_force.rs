@@ -14,7 +14,6 @@ use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use rayon::prelude::*;
 
 use super::force_profile::{ForceProfile, profile};
 use super::held_out::HeldOut;
@@ -27,6 +26,7 @@ use crate::likelihood::errors::Errors;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::Applied;
 use deadtime_model::simulate::{Dynamics, System};
+use deadtime_signal::parallel;
 use deadtime_signal::remedy::{Message, Remedy};
 
 /// Circular shifts of the responses: the null distribution of R². Chance exceeds the largest of 59 once in 60 times.
@@ -87,7 +87,7 @@ pub(crate) fn describe(
     let all: Vec<(usize, Form)> =
         (0..states).flat_map(|i| forms.iter().map(move |f| (i, *f))).collect();
     let tried = |(state, form)| residuals.tried(state, form, &turns);
-    let mut found: Vec<Tried> = all.into_par_iter().filter_map(tried).collect();
+    let mut found: Vec<Tried> = parallel::filter_map(all, tried);
     found.sort_by(|a, b| b.learnt.total_cmp(&a.learnt));
     let simplest = simplest(&found, &forms)?;
     let chance =

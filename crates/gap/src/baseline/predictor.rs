@@ -8,7 +8,6 @@
 use std::num::NonZeroUsize;
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::format::diagnosis::{Mode, Prediction};
@@ -19,6 +18,7 @@ use crate::input::record::LogRecord;
 use deadtime_model::dare;
 use deadtime_model::effect::{Applied, Chance};
 use deadtime_model::simulate::{Correction, Measured, Plan, System};
+use deadtime_signal::parallel;
 use deadtime_signal::stats;
 use deadtime_signal::time::SampleTime;
 
@@ -108,7 +108,7 @@ impl Predictor {
             let misfit = misfit(system, &plan, records, &gains).unwrap_or(f64::INFINITY);
             (misfit, gains, *scale)
         };
-        let tried = UNKNOWN.par_iter().map(of_scale).collect::<Vec<_>>().into_iter();
+        let tried = parallel::map(UNKNOWN.iter(), of_scale).into_iter();
         let best = tried.min_by(|a, b| a.0.total_cmp(&b.0));
         let (gains, unknown) = best.map_or((Vec::new(), 0.0), |(_, gains, scale)| (gains, scale));
         let why = format!("asked for: from estimated states, over {horizon} samples each");

@@ -4,7 +4,6 @@
 //! deterministic effects under the same score. A lattice lowers no error, so the trace in the raw values alone decides on it.
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 
 use super::alternatives::classes;
 use super::class::EffectClass;
@@ -30,6 +29,7 @@ use crate::likelihood::residuals::residuals;
 use crate::search::catalogue::numbers;
 use crate::search::catalogue_search::{SearchResult, noise_of};
 use deadtime_model::effect::{Applied, Scales};
+use deadtime_signal::parallel;
 
 /// A refit under coloured noise may raise the training error by this factor; by more, the colour is that of another effect. Chosen: on 38 development cases
 /// 1.02 and 1.2 differ in two answers. With 1.02 the values next to a slow misfit are those of the misfit.
@@ -477,7 +477,7 @@ impl Conclusion<'_, '_> {
         let one = |e: &Hypothesis| {
             Hypothesis::refit(&white, e.clone(), self.scales, cost(&white)?, white.budget.steps)
         };
-        without.par_iter().map(one).collect()
+        parallel::map(without.iter(), one)
     }
 
     /// Per part, all the others as they are without it.

@@ -4,7 +4,6 @@
 //! moved by a larger step. The response to an initial state is that of the nominal model.
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::gram::{Gram, Left};
 use super::removals::removals;
@@ -14,6 +13,7 @@ use super::training::{Stacked, Training};
 use crate::hypothesis::shared_time::{joined, leading, put};
 use crate::likelihood::active_effects::ActiveEffects;
 use deadtime_model::effect::{Applied, Parameter, Role, Scales};
+use deadtime_signal::parallel;
 
 /// Steps of a fit.
 const STEPS: usize = 6;
@@ -238,7 +238,7 @@ impl Fit<'_, '_, '_> {
                 })
                 .unwrap_or_else(|| residual.iter().map(|r| DVector::zeros(r.len())).collect())
         };
-        set.free.par_iter().map(one).collect()
+        parallel::map(set.free.iter(), one)
     }
 
     /// The least distance from nominal that a derivative is taken over, before `PART`: 10 % of that of the smallest first guess. Nearer to nominal an effect is lost in the

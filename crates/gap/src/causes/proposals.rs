@@ -1,7 +1,6 @@
 //! Candidate additions to a set: every candidate by its change of the predictions at the set's own fit.
 
 use nalgebra::DVector;
-use rayon::prelude::*;
 
 use super::fit::{Directions, Fit, ROUNDS, bounded};
 use super::gram::Gram;
@@ -14,6 +13,7 @@ use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::residuals::trained;
 use crate::search::moving::typical;
 use deadtime_model::effect::{Applied, Scales};
+use deadtime_signal::parallel;
 
 /// First guesses of one candidate.
 const GUESSES: usize = 12;
@@ -39,15 +39,14 @@ impl Fit<'_, '_, '_> {
             },
             None => self.scales.clone(),
         };
-        let free = |a: &&Applied| {
+        let free = |a: &Applied| {
             !set.recalibrates(a) && set.effects.iter().all(|own| own.key() != a.key())
         };
-        let mut proposals: Vec<Proposal> = candidates
-            .par_iter()
-            .filter(free)
-            .filter_map(|candidate| self.proposal(set, (&directions, &gram), candidate, &scales))
-            .filter(|proposal| proposal.reduction > 0.0)
-            .collect();
+        let mut proposals: Vec<Proposal> =
+            parallel::filter_map(candidates.iter().filter(|a| free(a)), |candidate| {
+                self.proposal(set, (&directions, &gram), candidate, &scales)
+            });
+        proposals.retain(|proposal| proposal.reduction > 0.0);
         proposals.sort_by(|a, b| b.reduction.total_cmp(&a.reduction));
         proposals
     }

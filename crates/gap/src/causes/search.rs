@@ -5,8 +5,6 @@
 
 use std::collections::HashMap;
 
-use rayon::prelude::*;
-
 use super::fit::Fit;
 use super::found::{Found, energy};
 use super::proposals::Proposal;
@@ -16,6 +14,7 @@ use super::training::{Stacked, Training};
 use crate::likelihood::active_effects::NO_EFFECT;
 use deadtime_model::effect::{Applied, Scales, find, row};
 use deadtime_model::simulate::System;
+use deadtime_signal::parallel;
 
 /// Additions of a set that are fitted.
 const FITTED: usize = 6;
@@ -350,7 +349,7 @@ impl<'s, 'l, 'a> Search<'s, 'l, 'a> {
             let better = known.is_none_or(|k| self.score.total(&set) < self.score.total(k));
             better.then_some((key, set))
         };
-        let fitted: Vec<(SetKey, CauseSet)> = fresh.into_par_iter().filter_map(one).collect();
+        let fitted: Vec<(SetKey, CauseSet)> = parallel::filter_map(fresh, one);
         self.sets.extend(fitted);
     }
 }

@@ -3,10 +3,10 @@
 //! A held-out sample is no part of it: what fits and selects sees nothing else.
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::Likelihood;
+use deadtime_signal::parallel;
 
 /// Samples of all training logs, one column a log: the first output's samples, then the next one's.
 pub(crate) type Stacked = Vec<DVector<f64>>;
@@ -115,7 +115,7 @@ impl<'l, 'a> Training<'l, 'a> {
             let residual = &log.measured - log.stacked(&predicted);
             residual.iter().all(|v| v.is_finite()).then_some(residual)
         };
-        self.logs.par_iter().map(one).collect()
+        parallel::try_map(&self.logs, one)
     }
 
     /// Per output, the sum of squares of a stacked column.

@@ -3,12 +3,11 @@
 //! A model may lack a delay, a lag, friction, or 20 % of its gain. Two signals agree when their correlation at the best lag is high and their
 //! standard deviations are similar. An effect of the catalogue is therefore no fault here.
 
-use rayon::prelude::*;
-
 use super::units::{Factor, alternatives};
 use super::view::{Columns, Fit, View};
 use deadtime_model::effect::{Applied, EFFECTS, Effect, Site};
 use deadtime_model::simulate::{Measured, System};
+use deadtime_signal::parallel;
 use deadtime_signal::progress::HowFar;
 
 /// A correlation from which on two signals go together.
@@ -212,7 +211,7 @@ impl Search {
                 steps.one_more();
                 found
             };
-            let tried: Vec<(Fault, Self)> = menu.par_iter().filter_map(one).collect();
+            let tried: Vec<(Fault, Self)> = parallel::filter_map(menu.iter(), one);
             let score = tried.iter().map(|t| t.1.score()).fold(f64::NEG_INFINITY, f64::max);
             let mut equal = tried.into_iter().filter(|t| t.1.score() >= score - EQUAL);
             let Some((fault, mut next)) = equal.next() else { break };

@@ -1,12 +1,11 @@
 //! The law of random delays: their spread by the marginal likelihood, and whether disturbances of the input are more likely.
 
-use rayon::prelude::*;
-
 use super::arrival_equations::{Linear, information, solve};
 use super::penalised_gain::NO_EVIDENCE;
 use super::queue::{Waiting, waiting_for};
 use deadtime_model::effect::Applied;
 use deadtime_model::simulate::{Delays, Late};
+use deadtime_signal::parallel;
 
 /// Spreads that are tried, as parts of the mean delay: from, to, and how many.
 const SPREADS: (f64, f64, usize) = (0.03, 1.5, 9);
@@ -29,10 +28,9 @@ pub(super) fn is_disturbance(records: &[Linear], wait_s: f64) -> bool {
     let equal: Vec<Linear> = records.iter().map(|r| r.of_equal_disturbances(rms)).collect();
     let lowest = |records: &[Linear]| {
         let independent = |std_s| Waiting { mean_s: wait_s, std_s, alike: 0.0 };
-        let costs = spreads(wait_s)
-            .into_par_iter()
-            .filter_map(|s| Some(solve(records, &independent(s))?.cost));
-        costs.filter(|cost| cost.is_finite()).reduce(|| f64::INFINITY, f64::min)
+        let cost = |s| Some(solve(records, &independent(s))?.cost);
+        let costs = parallel::filter_map(spreads(wait_s), cost).into_iter();
+        costs.filter(|cost| cost.is_finite()).fold(f64::INFINITY, f64::min)
     };
     lowest(&equal) + NO_EVIDENCE < lowest(records)
 }
@@ -62,9 +60,11 @@ fn lowest(
     (wait_s, step_s): (f64, f64),
     ordered: bool,
 ) -> Option<(Late, Waiting)> {
-    let tried = spreads.into_par_iter().filter_map(|s| waiting_for(wait_s, s, ordered, step_s));
-    let costs: Vec<(f64, (Late, Waiting))> =
-        tried.filter_map(|law| Some((solve(records, &law.1)?.cost, law))).collect();
+    let tried = |s| {
+        let law = waiting_for(wait_s, s, ordered, step_s)?;
+        Some((solve(records, &law.1)?.cost, law))
+    };
+    let costs: Vec<(f64, (Late, Waiting))> = parallel::filter_map(spreads, tried);
     costs
         .into_iter()
         .filter(|(cost, _)| cost.is_finite())

@@ -14,7 +14,6 @@
 //! response that is long relative to the record is truncated.
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 
 use super::arrival_equations::{Linear, Solved, improbable, information, linear, solve};
 use super::arrival_law::{Settled, is_disturbance, spread, waits};
@@ -25,6 +24,7 @@ use super::response::response;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Applied, Fates, Lateness};
+use deadtime_signal::parallel;
 
 /// Times all is done again about the delays that were found.
 const PASSES: usize = 10;
@@ -152,7 +152,7 @@ impl Search<'_> {
         let effects = self.effects(late);
         let active = ActiveEffects { effects: &effects, lost: Some(&known.sequences) };
         let one = |at| linear(self.likelihood, active, at, self.input, &self.responses[at]);
-        (0..self.likelihood.records.len()).into_par_iter().map(one).collect()
+        parallel::try_map(0..self.likelihood.records.len(), one)
     }
 
     /// The solution of the equations about a place, for the most probable spread about a mean wait.
@@ -226,7 +226,7 @@ pub(crate) fn refit_from_fixed(likelihood: &Likelihood<'_>, singles: &mut [Hypot
         .filter(|e| e.effects.iter().any(|a| a.effect.lateness() == Some(Lateness::Fixed)))
         .map(|e| (e.effects[0].channel.clone(), e.effects[0].values[0]))
         .collect();
-    singles.par_iter_mut().for_each(|single| {
+    parallel::for_each(singles, |single| {
         let [applied] = single.effects.as_slice() else { return };
         let Some((_, delay_s)) = fixed.iter().find(|(channel, _)| {
             applied.effect.lateness() == Some(Lateness::Random) && *channel == applied.channel
@@ -276,5 +276,5 @@ fn responses(
             .count();
         (whole > 0.0).then(|| g.rows(0, length.clamp(1, most.min(g.nrows()))).into_owned())
     };
-    (0..likelihood.records.len()).into_par_iter().map(one).collect()
+    parallel::try_map(0..likelihood.records.len(), one)
 }

@@ -7,8 +7,6 @@
 //! How it can be wrong: a change of a command below the noise gives no decision, so the loss probability is estimated from the others. A nonlinear plant's
 //! response varies, so the exact simulation decides. Lost commands fit a misfit of another kind in part only, and the misfit stays above the floor.
 
-use rayon::prelude::*;
-
 use super::arrivals;
 use super::direction::with;
 use super::effects::{Dropouts, Hypothesis};
@@ -19,6 +17,7 @@ use crate::input::record::LogRecord;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Applied, Chance, Fates, Lateness, Scales};
+use deadtime_signal::parallel;
 
 /// The probability with which a search begins.
 const FIRST: f64 = 0.3;
@@ -82,8 +81,7 @@ fn decode_input(
     probability: f64,
 ) -> Option<[f64; 2]> {
     let decode = |at| sequence(likelihood, others, lost, (at, input), probability);
-    let paths: Vec<(Path, f64)> =
-        (0..likelihood.records.len()).into_par_iter().map(decode).collect::<Option<_>>()?;
+    let paths: Vec<(Path, f64)> = parallel::try_map(0..likelihood.records.len(), decode)?;
     let mut evidence = Evidence::default();
     for (at, (path, energy)) in paths.into_iter().enumerate() {
         let record = &likelihood.records[at];

@@ -1,7 +1,6 @@
 //! Derivatives of whitened residuals by parameters.
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 
 use super::direction::difference;
 use super::effects::Hypothesis;
@@ -9,6 +8,7 @@ use super::shared_time::put;
 use crate::likelihood::active_effects::ActiveEffects;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::Scales;
+use deadtime_signal::parallel;
 
 /// Whitened residuals and their derivatives by the free parameters, at one set of parameters.
 pub(crate) struct Slopes {
@@ -61,7 +61,7 @@ pub(crate) fn slopes(
         central((e, i)).or_else(|| column_of((e, i), h))
     };
     if !effects.iter().any(|a| likelihood.calls(a)) {
-        let columns = free.par_iter().map(|&at| plain(at)).collect::<Option<Vec<_>>>()?;
+        let columns = parallel::try_map(free, |&at| plain(at))?;
         return Some(Slopes { residual, columns });
     }
     let mut columns = Vec::with_capacity(free.len());

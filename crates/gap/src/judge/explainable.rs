@@ -18,7 +18,6 @@
 use faer::linalg::solvers::Solve;
 use faer::{MatRef, Side};
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::along_the_run::Run;
 use super::forms::Form;
@@ -29,6 +28,7 @@ use crate::input::record::LogRecord;
 use crate::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Applied, Scales};
+use deadtime_signal::parallel;
 
 /// Signatures of one effect.
 const EACH: usize = 2;
@@ -61,7 +61,7 @@ pub(crate) fn shares(
                 given.effects.iter().cloned().chain([applied.clone()]).collect();
             finite(stacked(likelihood, given.with(&effects), None, &rows)? - without)
         };
-        tried.par_iter().filter_map(signature).collect()
+        parallel::filter_map(tried.iter(), signature)
     };
     let mut columns = signatures(active, &base);
     if !likelihood.system.is_black_box() && !active.effects.is_empty() {
@@ -79,24 +79,21 @@ pub(crate) fn shares(
     // Regressors without information reduce the weight of the others: the larger share counts, with the forces or without.
     let without_forces = columns.len();
     columns.extend(forces(likelihood, active, &rows).into_iter().filter_map(finite));
-    (0..outputs)
-        .into_par_iter()
-        .map(|i| {
-            let there: Vec<usize> = (0..rows.len())
-                .filter(|&r| likelihood.records[rows[r].0].measured[i].get(rows[r].1).is_some())
-                .collect();
-            let left = there.iter().map(|&r| residuals[rows[r].0][(rows[r].1, i)]);
-            let left = DVector::from_iterator(there.len(), left);
-            let by = |columns: &[DMatrix<f64>]| {
-                let regressors = DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| {
-                    if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] }
-                });
-                predicted(&left, regressors)
-            };
-            let share = by(&columns[..without_forces]);
-            if columns.len() > without_forces { share.max(by(&columns)) } else { share }
-        })
-        .collect()
+    parallel::map(0..outputs, |i| {
+        let there: Vec<usize> = (0..rows.len())
+            .filter(|&r| likelihood.records[rows[r].0].measured[i].get(rows[r].1).is_some())
+            .collect();
+        let left = there.iter().map(|&r| residuals[rows[r].0][(rows[r].1, i)]);
+        let left = DVector::from_iterator(there.len(), left);
+        let by = |columns: &[DMatrix<f64>]| {
+            let regressors = DMatrix::from_fn(there.len(), columns.len() + 1, |r, c| {
+                if c == 0 { 1.0 } else { columns[c - 1][(there[r], i)] }
+            });
+            predicted(&left, regressors)
+        };
+        let share = by(&columns[..without_forces]);
+        if columns.len() > without_forces { share.max(by(&columns)) } else { share }
+    })
 }
 
 /// The effects of the catalogue that are not active, each at its first guesses.
@@ -125,16 +122,13 @@ fn substitutes(
     base: &DMatrix<f64>,
 ) -> Vec<DMatrix<f64>> {
     let own = own_directions(active);
-    let mut columns: Vec<DMatrix<f64>> = own
-        .par_iter()
-        .filter_map(|e| finite(stacked(likelihood, active.with(e), None, rows)? - base))
-        .collect();
+    let mut columns: Vec<DMatrix<f64>> = parallel::filter_map(own.iter(), |e| {
+        finite(stacked(likelihood, active.with(e), None, rows)? - base)
+    });
     let pushed = perturbations(likelihood, active, catalogue);
-    columns.par_extend(
-        pushed
-            .par_iter()
-            .filter_map(|u| finite(stacked(likelihood, active, Some(u), rows)? - base)),
-    );
+    columns.extend(parallel::filter_map(&pushed, |u| {
+        finite(stacked(likelihood, active, Some(u), rows)? - base)
+    }));
     columns
 }
 
@@ -191,7 +185,7 @@ fn forces(
             runs.iter().map(|run| run.as_ref().map(of_run)).collect();
         at_rows(&responses, rows)
     };
-    all.par_iter().map(response).collect()
+    parallel::map(all.iter(), response)
 }
 
 /// The active effects, each time with one parameter a small step further from nominal.

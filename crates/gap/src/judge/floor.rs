@@ -10,13 +10,13 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
-use rayon::prelude::*;
 
 use crate::baseline::noise::{Noise, autoregression_of, memory_of};
 use crate::input::criteria::Criteria;
 use crate::input::record::LogRecord;
 use crate::likelihood::errors::Errors;
 use crate::likelihood::gaussian::Likelihood;
+use deadtime_signal::parallel;
 use deadtime_signal::stats;
 
 /// Samples of simulated noise for the variance of its low-variance windows.
@@ -54,7 +54,7 @@ pub(crate) fn estimate(
             .fold(f64::INFINITY, f64::min);
         (square * (1.0 - related[i]).min(calm).min(slow).clamp(0.0, 1.0)).sqrt().min(lowest)
     };
-    Floor { floor: (0..related.len()).into_par_iter().map(one).collect() }
+    Floor { floor: parallel::map(0..related.len(), one) }
 }
 
 fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
@@ -102,11 +102,8 @@ fn calmest(
             inside.map(|k| measured.get(k).filter(free).map(|_| residual[(k, output)])).collect()
         })
         .collect();
-    criteria
-        .windows
-        .par_iter()
-        .map(|&count| calmest_of(&series, count, criteria))
-        .reduce(|| f64::INFINITY, f64::min)
+    let each = parallel::map(&criteria.windows, |&count| calmest_of(&series, count, criteria));
+    each.into_iter().fold(f64::INFINITY, f64::min)
 }
 
 /// The least and the greatest value, where each is taken by more samples than noise without a limit would (one in a hundred).

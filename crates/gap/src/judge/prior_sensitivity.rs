@@ -5,8 +5,6 @@
 //! leads, or none does, the state joins the class of indistinguishable causes. If no effect was named, the signatures of all candidates are compared, because
 //! no fit contains the part that the initial state absorbed.
 
-use rayon::prelude::*;
-
 use crate::hypothesis::direction::{NEAR, between, difference, with};
 use crate::hypothesis::effects::Hypothesis;
 use crate::hypothesis::penalised_gain::Penalties;
@@ -15,6 +13,7 @@ use crate::likelihood::gaussian::{Likelihood, Whitened};
 use crate::search::catalogue_search::SearchResult;
 use deadtime_model::effect::{Applied, Scales};
 use deadtime_model::simulate::Port;
+use deadtime_signal::parallel;
 
 /// The leading hypothesis under a tighter or wider prior of an initial state.
 pub(crate) struct PriorSensitivity {
@@ -43,8 +42,7 @@ pub(crate) fn prior_sensitivities(
     .cloned()
     .collect();
     let Some(nominal) = likelihood.whitened(NO_EFFECT) else { return Vec::new() };
-    let residuals: Vec<Option<Whitened>> =
-        rivals.par_iter().map(|e| likelihood.whitened(e)).collect();
+    let residuals: Vec<Option<Whitened>> = parallel::map(rivals.iter(), |e| likelihood.whitened(e));
     let signatures = if best.is_none() {
         signatures(likelihood, &nominal, catalogue, scales)
     } else {
@@ -147,5 +145,5 @@ fn signatures(
         let there = likelihood.whitened(&[with(applied, &between(applied, &start, NEAR))])?;
         Some((applied.clone(), difference(nominal, &there, 1.0)))
     };
-    catalogue.par_iter().filter_map(one).collect()
+    parallel::filter_map(catalogue.iter(), one)
 }

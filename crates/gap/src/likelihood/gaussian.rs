@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use nalgebra::{Const, DMatrix, DVector, Dyn};
-use rayon::prelude::*;
 
 use super::active_effects::{ActiveEffects, NO_EFFECT};
 use super::log_start::{log_start, rests};
@@ -21,6 +20,7 @@ use deadtime_model::effect::{Applied, Chance, Scales, Site};
 use deadtime_model::simulate::{
     Commands, Correction, Plan, SimulateError, System, Term, Tolerance, Wanted,
 };
+use deadtime_signal::parallel;
 use deadtime_signal::stop::Stop;
 
 /// The terms of a likelihood.
@@ -553,13 +553,13 @@ impl<'a> Likelihood<'a> {
         if self.budget.one_by_one {
             return (0..self.records.len()).map(one).collect();
         }
-        (0..self.records.len()).into_par_iter().map(one).collect()
+        parallel::try_map(0..self.records.len(), one)
     }
 
     /// Every record can be simulated to its end.
     pub(crate) fn holds_throughout<'e>(&self, active: impl Into<ActiveEffects<'e>>) -> bool {
         let active = active.into();
-        (0..self.records.len()).into_par_iter().all(|at| self.predict(at, active).is_some())
+        !parallel::any(0..self.records.len(), |at| self.predict(at, active).is_none())
     }
 
     /// A residual whitened over the whole record, independent of the training span.

@@ -1,11 +1,11 @@
 //! Residuals of any active effects, from the posterior initial state of each record.
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 
 use super::active_effects::ActiveEffects;
 use super::gaussian::Likelihood;
 use crate::input::record::LogRecord;
+use deadtime_signal::parallel;
 
 /// Residuals from the posterior initial state of each record, by the same rule for every hypothesis. A held-out log uses its own samples, any other log the
 /// training span.
@@ -14,14 +14,11 @@ pub(crate) fn residuals<'e>(
     active: impl Into<ActiveEffects<'e>>,
 ) -> Option<Vec<DMatrix<f64>>> {
     let active = active.into();
-    (0..likelihood.records.len())
-        .into_par_iter()
-        .map(|at| {
-            let record = &likelihood.records[at];
-            let span = record.estimated_from()?;
-            Some(likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?))
-        })
-        .collect()
+    parallel::try_map(0..likelihood.records.len(), |at| {
+        let record = &likelihood.records[at];
+        let span = record.estimated_from()?;
+        Some(likelihood.residual(at, &likelihood.predict_from_posterior(at, active, span)?))
+    })
 }
 
 /// The same, those of another model for a record that cannot be simulated.
@@ -47,14 +44,11 @@ pub(crate) fn simulated<'e>(
     active: impl Into<ActiveEffects<'e>>,
 ) -> Option<Vec<DMatrix<f64>>> {
     let active = active.into();
-    (0..likelihood.records.len())
-        .into_par_iter()
-        .map(|at| {
-            let record = &likelihood.records[at];
-            let span = record.estimated_from()?;
-            Some(likelihood.residual(at, &likelihood.predict_from_best_start(at, active, span)?))
-        })
-        .collect()
+    parallel::try_map(0..likelihood.records.len(), |at| {
+        let record = &likelihood.records[at];
+        let span = record.estimated_from()?;
+        Some(likelihood.residual(at, &likelihood.predict_from_best_start(at, active, span)?))
+    })
 }
 
 /// Residuals of the training spans alone from their posterior starts; of anything else nothing that means something.

@@ -1,7 +1,6 @@
 //! The search through the catalogue: candidates are screened, those with the largest predicted cost reduction fitted, pairs built on them; one noise model compares all.
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 
 use super::elaborations::held_back;
 use super::late::add_late_twins;
@@ -17,6 +16,7 @@ use crate::likelihood::active_effects::{ActiveEffects, NO_EFFECT};
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use crate::likelihood::residuals::residuals;
 use deadtime_model::effect::{Applied, Lateness, Scales};
+use deadtime_signal::parallel;
 
 /// The result of a search, best first.
 pub(crate) struct SearchResult {
@@ -112,20 +112,17 @@ struct Refits<'r, 'a> {
 impl Refits<'_, '_> {
     /// Rescores all hypotheses and refits the leaders among them.
     fn refit_leaders(&self, hypotheses: &mut [Hypothesis]) {
-        hypotheses.par_iter_mut().for_each(|e| e.rescore(self.likelihood, self.cost));
+        parallel::for_each(hypotheses.iter_mut(), |e| e.rescore(self.likelihood, self.cost));
         hypotheses.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let best = hypotheses.first().map_or(0.0, |e| e.gain);
         let first = hypotheses.iter().take(self.likelihood.budget.plain.leaders);
         let leaders = frugal(self.likelihood, first.map(|e| e.effects.as_slice()));
-        hypotheses
-            .par_iter_mut()
-            .zip(leaders)
-            .filter(|(e, leads)| *leads && e.gain.is_finite())
-            .for_each(|(e, _)| {
-                if let Some(better) = self.refitted(e, best) {
-                    *e = better;
-                }
-            });
+        let leaders = hypotheses.iter_mut().zip(leaders);
+        parallel::for_each(leaders.filter(|(e, leads)| *leads && e.gain.is_finite()), |(e, _)| {
+            if let Some(better) = self.refitted(e, best) {
+                *e = better;
+            }
+        });
     }
 
     /// A hypothesis refitted with its latent sequence; `best`: the gain of the best hypothesis.
@@ -149,7 +146,8 @@ impl Refits<'_, '_> {
 /// Fits use the training spans only: an effect that makes the model fail in the rest of a log explains nothing. Tests the given number of first hypotheses.
 fn give_up_what_breaks(likelihood: &Likelihood<'_>, hypotheses: &mut [Hypothesis], first: usize) {
     let known = likelihood.budget.one_by_one;
-    hypotheses.par_iter_mut().take(first).filter(|e| e.fitted && !known).for_each(|e| {
+    let tested = hypotheses.iter_mut().take(first).filter(|e| e.fitted && !known);
+    parallel::for_each(tested, |e| {
         if !likelihood.holds_throughout(&*e) {
             (e.fitted, e.gain) = (false, f64::NEG_INFINITY);
         }
@@ -208,10 +206,9 @@ fn members_alone(
         .map(|place| pair.only(place))
         .filter(|e| !e.loses_commands())
         .collect();
-    let better: Vec<Hypothesis> = members
-        .into_par_iter()
-        .filter_map(|e| Hypothesis::refit(likelihood, e, scales, cost, likelihood.budget.steps))
-        .collect();
+    let better: Vec<Hypothesis> = parallel::filter_map(members, |e| {
+        Hypothesis::refit(likelihood, e, scales, cost, likelihood.budget.steps)
+    });
     for alone in better {
         if let Some(single) = found
             .singles

@@ -6,7 +6,6 @@
 //! motions correlate at none of them. Only a delay at the search's limit then reveals a longer one.
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 
 use super::catalogue_search::SearchResult;
 use crate::hypothesis::effects::Hypothesis;
@@ -15,6 +14,7 @@ use crate::input::criteria::Criteria;
 use crate::input::record::LogRecord;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Role, Scales};
+use deadtime_signal::parallel;
 
 /// Shifts of either sign that are tried, and rows of one log that are compared; more are thinned.
 const SHIFTS: usize = 300;
@@ -33,16 +33,11 @@ pub(crate) fn shift_beyond(
     let sample_time_s = records.iter().map(|r| r.sample_time_s).fold(f64::INFINITY, f64::min);
     let step_s = sample_time_s.max(limit_s / SHIFTS as f64);
     let most = (limit_s / step_s).floor() as i32;
-    let tried: Vec<(f64, Vec<f64>)> = (-most..=most)
-        .into_par_iter()
-        .map(|i| f64::from(i) * step_s)
-        .map(|shift_s| {
-            (
-                shift_s,
-                (0..outputs).map(|output| unlike(records, residuals, output, shift_s)).collect(),
-            )
-        })
-        .collect();
+    let tried: Vec<(f64, Vec<f64>)> = parallel::map(-most..=most, |i| {
+        let shift_s = f64::from(i) * step_s;
+        let of = |output| unlike(records, residuals, output, shift_s);
+        (shift_s, (0..outputs).map(of).collect())
+    });
     let beyond = |left: &dyn Fn(&[f64]) -> f64| {
         let least = |further: bool| {
             let those = tried.iter().filter(|(shift_s, _)| (shift_s.abs() > longest_s) == further);

@@ -12,7 +12,6 @@
 //! are therefore first guesses, which are fitted and compared like all others.
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::slower_loop::nearby;
 use crate::hypothesis::direction::{NEAR, between, difference, with};
@@ -21,6 +20,7 @@ use crate::likelihood::active_effects::NO_EFFECT;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Change, EFFECTS, Effect, Lateness, Scales, Scanned, find};
 use deadtime_model::simulate::System;
+use deadtime_signal::parallel;
 
 /// Short delays of the grid, all of them, and the number of the longer ones; a delay of 0 comes in addition.
 const SHORT: usize = 12;
@@ -67,7 +67,7 @@ pub(crate) fn scanned(
     let found: Vec<Option<(Option<Scanned>, Signed)>> = if calls {
         steps.iter().map(of_step).collect()
     } else {
-        steps.par_iter().map(of_step).collect()
+        parallel::map(steps.iter(), of_step)
     };
     let (mut alone, mut signed) = (Vec::new(), Vec::new());
     for (step, (scanned, own)) in steps.iter().zip(found).filter_map(|(s, f)| Some((*s, f?))) {
@@ -296,7 +296,7 @@ fn of_delay(
     let errors: Vec<(f64, Whitened)> = if likelihood.calls(delay) {
         chosen.iter().filter_map(errors).collect()
     } else {
-        chosen.par_iter().filter_map(errors).collect()
+        parallel::filter_map(chosen.iter(), errors)
     };
     let bin_s = scales.duration_s / BINS as f64;
     let mut grid = Grid {
@@ -441,7 +441,7 @@ fn slower(
         if likelihood.calls(applied) {
             guesses.iter().map(by_stretch).collect()
         } else {
-            guesses.par_iter().map(by_stretch).collect()
+            parallel::map(guesses.iter(), by_stretch)
         }
     };
     let between = |samples: usize| {

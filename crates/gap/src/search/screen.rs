@@ -1,10 +1,9 @@
 //! The screen: every candidate of the catalogue by its signature.
 
-use rayon::prelude::*;
-
 use crate::hypothesis::direction::{NEAR, between, difference, has_limit, with};
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Parameter, Scales};
+use deadtime_signal::parallel;
 
 /// The number of halvings of a step along a signature before it is given up.
 const HALVINGS: i32 = 5;
@@ -46,10 +45,8 @@ pub(crate) fn screen(
     nominal: &Whitened,
 ) -> Vec<Screened> {
     let cost = likelihood.inner(nominal, nominal);
-    let mut candidates: Vec<Screened> = catalogue
-        .into_par_iter()
-        .map(|applied| screened(likelihood, applied, scales, nominal, cost))
-        .collect();
+    let mut candidates: Vec<Screened> =
+        parallel::map(catalogue, |applied| screened(likelihood, applied, scales, nominal, cost));
     // Stable: of equals the first of the table leads.
     candidates.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     candidates

@@ -1,7 +1,5 @@
 //! Pairs of effects: for each leading single, the second effects with the largest predicted cost reduction, refitted together; then forward and backward.
 
-use rayon::prelude::*;
-
 use super::given_first::GivenFirst;
 use super::screen::Screened;
 use crate::hypothesis::direction::{NEAR, between, difference, has_limit, with};
@@ -10,6 +8,7 @@ use crate::hypothesis::effects::Hypothesis;
 use crate::hypothesis::penalised_gain::Penalties;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Lateness, Scales, row};
+use deadtime_signal::parallel;
 
 /// The first effects that pairs are built on: the best, and the best of one parameter, each kind of effect once.
 fn firsts<'h>(
@@ -113,7 +112,7 @@ fn has_second_candidate(
         };
         !own && (traced || starts.into_iter().step_by(every).any(glance))
     };
-    pool.par_iter().any(is_candidate)
+    parallel::any(pool, is_candidate)
 }
 
 /// The second effects with the largest predicted cost reduction given each first, fitted jointly with it; known pairs are left out.
@@ -126,7 +125,7 @@ fn with_seconds(
     known: &[Hypothesis],
 ) -> Vec<Hypothesis> {
     let given: Vec<GivenFirst> =
-        firsts.par_iter().filter_map(|first| GivenFirst::new(likelihood, first, scales)).collect();
+        parallel::filter_map(firsts.iter(), |first| GivenFirst::new(likelihood, first, scales));
     if given.is_empty() {
         return Vec::new();
     }
@@ -179,7 +178,7 @@ fn reductions(
         }
         best
     };
-    pool.par_iter().map(of).collect()
+    parallel::map(pool.iter(), of)
 }
 
 /// The pairs that are worth a fit, each once: of every first the seconds that promise most.
@@ -259,10 +258,9 @@ fn fitted(
     // Lost commands are distinguishable from a lag by their sequence only.
     let (losing, plain): (Vec<_>, Vec<_>) =
         wanted.into_iter().partition(|pair| pair.iter().any(|a| a.effect.loses_commands()));
-    let mut pairs: Vec<Hypothesis> = plain
-        .par_iter()
-        .filter_map(|pair| Hypothesis::fit(likelihood, pair, scales, cost, budget.trial_steps))
-        .collect();
+    let mut pairs: Vec<Hypothesis> = parallel::filter_map(plain.iter(), |pair| {
+        Hypothesis::fit(likelihood, pair, scales, cost, budget.trial_steps)
+    });
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let (mut called, mut others) = (0, 0);
     pairs.retain(|pair| {
@@ -275,7 +273,7 @@ fn fitted(
         *count += 1;
         *count <= most
     });
-    pairs.par_iter_mut().for_each(|pair| {
+    parallel::for_each(&mut pairs, |pair| {
         if let Some(better) = Hypothesis::fit(likelihood, &pair.effects, scales, cost, budget.steps)
         {
             *pair = better;
@@ -292,7 +290,7 @@ fn fitted(
         };
         decoded(likelihood, begin, scales, cost, budget.steps)
     };
-    pairs.extend(losing.par_iter().filter_map(decode).collect::<Vec<_>>());
+    pairs.extend(parallel::filter_map(losing.iter(), decode));
     pairs.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     pairs
 }

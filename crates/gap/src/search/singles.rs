@@ -1,7 +1,5 @@
 //! Single effects: the candidates of the screen with the largest predicted cost reduction, fitted.
 
-use rayon::prelude::*;
-
 use super::screen::Screened;
 use super::slower_loop::from_arrivals;
 use crate::hypothesis::arrivals::refit_from_fixed;
@@ -10,6 +8,7 @@ use crate::hypothesis::dropouts::decoded;
 use crate::hypothesis::effects::Hypothesis;
 use crate::likelihood::gaussian::{Likelihood, Whitened};
 use deadtime_model::effect::{Applied, Scales, Site};
+use deadtime_signal::parallel;
 
 /// Which of a list of hypotheses are worth their price: all that cost no call, and so many of the others as the budget holds.
 pub(crate) fn frugal<'e>(
@@ -53,44 +52,38 @@ pub(crate) fn fit_first(
 ) -> Vec<Hypothesis> {
     let cost = likelihood.inner(nominal, nominal);
     let fitted = worth_a_fit(likelihood, pool);
-    let mut singles: Vec<Hypothesis> = pool
-        .par_iter()
-        .enumerate()
-        .map(|(at, screened)| {
-            let values =
-                screened.starts.first().map_or(screened.applied.values.as_slice(), Vec::as_slice);
-            let as_screened = Hypothesis::screened(with(&screened.applied, values), screened.gain);
-            let starts =
-                screened.starts.iter().take(if fitted[at] { likelihood.budget.starts } else { 0 });
-            let fits = starts.filter_map(|start| {
-                Hypothesis::fit(
-                    likelihood,
-                    &[with(&screened.applied, start)],
-                    scales,
-                    cost,
-                    likelihood.budget.trial_steps,
-                )
-            });
-            fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened)
-        })
-        .collect();
+    let mut singles = parallel::map(pool.iter().zip(fitted), |(screened, fitted)| {
+        let values =
+            screened.starts.first().map_or(screened.applied.values.as_slice(), Vec::as_slice);
+        let as_screened = Hypothesis::screened(with(&screened.applied, values), screened.gain);
+        let starts = screened.starts.iter().take(if fitted { likelihood.budget.starts } else { 0 });
+        let fits = starts.filter_map(|start| {
+            Hypothesis::fit(
+                likelihood,
+                &[with(&screened.applied, start)],
+                scales,
+                cost,
+                likelihood.budget.trial_steps,
+            )
+        });
+        fits.max_by(|a, b| a.gain.total_cmp(&b.gain)).unwrap_or(as_screened)
+    });
     singles.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let on =
         frugal(likelihood, singles.iter().take(likelihood.budget.on).map(|e| e.effects.as_slice()));
-    singles.par_iter_mut().zip(on).filter(|(e, on)| *on && e.gain.is_finite()).for_each(
-        |(single, _)| {
-            let better = if single.loses_commands()
-                && single.gain > likelihood.criteria.selection_penalty
-            {
-                decoded(likelihood, single.clone(), scales, cost, likelihood.budget.steps)
-            } else {
-                Hypothesis::refit(likelihood, single.clone(), scales, cost, likelihood.budget.steps)
-            };
-            if let Some(better) = better {
-                *single = better;
-            }
-        },
-    );
+    let goes_on = singles.iter_mut().zip(on).filter(|(e, on)| *on && e.gain.is_finite());
+    parallel::for_each(goes_on, |(single, _)| {
+        let decodes =
+            single.loses_commands() && single.gain > likelihood.criteria.selection_penalty;
+        let better = if decodes {
+            decoded(likelihood, single.clone(), scales, cost, likelihood.budget.steps)
+        } else {
+            Hypothesis::refit(likelihood, single.clone(), scales, cost, likelihood.budget.steps)
+        };
+        if let Some(better) = better {
+            *single = better;
+        }
+    });
     if !likelihood.system.is_black_box() {
         refit_from_fixed(likelihood, &mut singles, cost);
     }

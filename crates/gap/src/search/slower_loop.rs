@@ -7,14 +7,13 @@
 
 use std::f64::consts::TAU;
 
-use rayon::prelude::*;
-
 use crate::hypothesis::direction::with;
 use crate::hypothesis::effects::Hypothesis;
 use crate::hypothesis::waits::Wait;
 use crate::likelihood::active_effects::LostCommands;
 use crate::likelihood::gaussian::Likelihood;
 use deadtime_model::effect::{Applied, Fates, Lateness, Scales};
+use deadtime_signal::parallel;
 
 /// Fewer arrivals show no lattice.
 const FEWEST: usize = 10;
@@ -147,14 +146,11 @@ fn lattices(arrivals: &Arrivals, longest_s: f64, duration_s: f64) -> Vec<Vec<f64
             .fold((0.0, 0.0), |sum, v| (sum.0 + v.0, sum.1 + v.1));
         (sin.hypot(cos) / times_s.len() as f64, sin.atan2(cos))
     };
-    let all: Vec<(f64, f64, f64)> = (0..=count)
-        .into_par_iter()
-        .map(|n| {
-            let hz = from_hz + n as f64 * fine_hz;
-            let (coherence, angle) = coherence(hz);
-            (hz, coherence, angle)
-        })
-        .collect();
+    let all: Vec<(f64, f64, f64)> = parallel::map(0..=count, |n| {
+        let hz = from_hz + n as f64 * fine_hz;
+        let (coherence, angle) = coherence(hz);
+        (hz, coherence, angle)
+    });
     let peaks = (0..all.len()).filter(|&n| {
         (n == 0 || all[n].1 >= all[n - 1].1) && (n + 1 == all.len() || all[n].1 > all[n + 1].1)
     });
@@ -195,7 +191,7 @@ pub(super) fn nearby(
         let costs: Vec<(f64, [f64; 2])> = if likelihood.calls(nominal) {
             places.into_iter().filter_map(costed).collect()
         } else {
-            places.into_par_iter().filter_map(costed).collect()
+            parallel::filter_map(places, costed)
         };
         match costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) {
             Some(next) if next.0 < best.0 => best = next,

@@ -13,13 +13,13 @@ use crate::error::Result;
 use crate::structured::known::{Known, RESOLVED, Standing, Unseen, standing};
 use deadtime_model::{EquationsFile, NuGap, Peak};
 use deadtime_signal::decompositions::{singular_values, symmetric_eigen};
+use deadtime_signal::parallel;
 use deadtime_signal::stats::interval95;
 use nalgebra::{Complex, DMatrix, DVector, SymmetricEigen};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
-use rayon::prelude::*;
 use serde::Serialize;
 
 /// Magnitudes are raised to this share of a pair's largest: relative errors of smaller ones are uninformative.
@@ -344,7 +344,7 @@ pub(super) fn deviations(
         let moved = structure::finite_responses(moved, omegas)?;
         Some(target.iter().zip(&moved).map(|(g, h)| Target::slope(g, h)).collect())
     };
-    structure.deviations.par_iter().map(of).collect()
+    parallel::try_map(&structure.deviations, of)
 }
 
 /// Each parameter's size: its own value, or, for the value 0, the change that moves the response by its own magnitude.
@@ -686,7 +686,7 @@ fn of_draws(
         let last = &norm.powers[norm.powers.len().saturating_sub(AGAIN)..];
         drawn.descend(norm, last, None, &found.z).map(|d| d.z)
     };
-    let drawn: Vec<Option<Vec<f64>>> = (0..DRAWS).into_par_iter().map(again).collect();
+    let drawn: Vec<Option<Vec<f64>>> = parallel::map(0..DRAWS, again);
     let ends: Vec<Vec<f64>> = drawn.into_iter().flatten().collect();
     for end in &ends {
         let step = DVector::from_iterator(count, end.iter().zip(&found.z).map(|(a, b)| a - b));

@@ -8,13 +8,13 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::StandardNormal;
-use rayon::prelude::*;
 
 use super::norms::{At, NORMS, Norm};
 use super::prior::Prior;
 use super::structure::{Free, Structure};
 use super::system::GainMatrix;
 use deadtime_signal::fit::{LevenbergMarquardt, Normal, Stopped};
+use deadtime_signal::parallel;
 
 /// Step of the numerical differentiation, as a share of the response.
 const STEP: f64 = 1e-4;
@@ -165,13 +165,8 @@ impl MatchProblem<'_> {
             };
             self.descend(norm, norm.powers, prior, &warm.unwrap_or(start))
         };
-        let ends: Vec<Descent> = (0..starts.max(1))
-            .into_par_iter()
-            .map(from)
-            .collect::<Vec<_>>()
-            .into_iter()
-            .flatten()
-            .collect();
+        let ends: Vec<Descent> =
+            parallel::map(0..starts.max(1), from).into_iter().flatten().collect();
         let lowest = ends.iter().map(|e| e.cost).fold(f64::INFINITY, f64::min);
         let floor = NONE * NONE * self.whole(norm);
         let within =

@@ -4,13 +4,13 @@
 //! noise's covariance, with q = 2n + 1 − (R+1)(m+1) degrees of freedom.
 
 use nalgebra::{Complex, DMatrix};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::lines::{Line, Seen};
 use super::responses::{ResponseMethod, unexcited};
 use crate::error::IdentifyError;
 use crate::subspace::recordings::{Recordings, Stretch};
+use deadtime_signal::parallel;
 use deadtime_signal::{RealFourier, stats};
 
 /// The local polynomial method (LPM).
@@ -105,7 +105,7 @@ impl ResponseMethod for LocalPolynomial {
         let window =
             Window { lpm: self, records: &records, samples, half, inputs: m, peaks: &peaks };
         let ts = recordings.sample_time.seconds();
-        let lines: Vec<Line> = grid.par_iter().filter_map(|&k| window.at(k, ts)).collect();
+        let lines: Vec<Line> = parallel::filter_map(grid.iter(), |&k| window.at(k, ts));
         if lines.is_empty() {
             return Err(unexcited(recordings));
         }

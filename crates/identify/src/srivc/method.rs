@@ -1,7 +1,6 @@
 //! The method: dead times on a grid, several starts, least squares of output errors, and steps weighted by the noise's own colour.
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::filters::Poles;
@@ -15,6 +14,7 @@ use crate::subspace::recordings::{Recordings, Scales, Stretch};
 use deadtime_model::c2d::{Conversion, ZeroOrderHold};
 use deadtime_model::{Continuous, StateSpace};
 use deadtime_signal::fit::LevenbergMarquardt;
+use deadtime_signal::parallel;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::stats::interval95;
 use deadtime_signal::time::SampleTime;
@@ -202,11 +202,10 @@ impl Srivc {
                     own[j] = d as f64;
                     head.start(self.nf, &own)
                 };
-                let mut found: Vec<(f64, Point)> =
-                    (0..=self.max_delay).into_par_iter().filter_map(at).collect();
+                let mut found: Vec<(f64, Point)> = parallel::filter_map(0..=self.max_delay, at);
                 found.sort_by(|a, b| a.0.total_cmp(&b.0));
                 found.truncate(REFINED);
-                found = found.into_par_iter().filter_map(|(_, p)| head.refined(p)).collect();
+                found = parallel::filter_map(found, |(_, p)| head.refined(p));
                 found.sort_by(|a, b| a.0.total_cmp(&b.0));
                 let best = found.first().ok_or_else(none)?;
                 delays[j] = best.1.delays[j];
@@ -250,11 +249,10 @@ impl Srivc {
         if free.contains(&true) {
             starts.extend(starts.iter().map(between).collect::<Vec<_>>());
         }
-        let ends = starts.into_par_iter().filter_map(|start| {
+        let mut ends: Vec<End> = parallel::filter_map(starts, |start| {
             let point = self.descended(data, &start, free);
             data.solved(&point).map(|s| End { loss: s.loss, point, linear: s.linear })
         });
-        let mut ends: Vec<End> = ends.collect();
         ends.sort_by(|a, b| a.loss.total_cmp(&b.loss));
         let least = ends.first().map(|e| e.loss);
         let least =
@@ -769,7 +767,7 @@ mod tests {
                 let found = plant.method().identify(&record, &HowFar::default()).unwrap();
                 found.parametric.unwrap().parameters
             };
-            let all: Vec<Vec<Parameter>> = (0..RECORDS).into_par_iter().map(one).collect();
+            let all: Vec<Vec<Parameter>> = parallel::map(0..RECORDS, one);
             for (k, first) in all[0].iter().enumerate() {
                 let truth = plant.truth(&first.name);
                 let inside = |p: &Parameter| p.ci95.is_some_and(|[a, b]| a <= truth && truth <= b);

@@ -1,12 +1,12 @@
 //! The weighted least-squares problem over all windows: cost, gradient and information of each cluster of windows.
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::free::Quantity;
 use super::record::LogRecord;
 use super::window::{Buffers, Simulator, WindowPoint};
 use deadtime_signal::fit::Normal;
+use deadtime_signal::parallel;
 
 /// Gauss-Newton rounds for the initial values of unlogged states within a window.
 const START_ROUNDS: usize = 4;
@@ -135,7 +135,7 @@ impl StructuredProblem<'_> {
             }
             Some(total.normal())
         };
-        self.clusters.par_iter().map(one).collect()
+        parallel::try_map(&self.clusters, one)
     }
 
     /// Adds one window to `sum`, with the optimal initial values of unlogged states. Returns the deviations of these initial values from the model's own.

@@ -1,10 +1,10 @@
 //! The error of predictions by horizon and group.
 
-use rayon::prelude::*;
 use serde::Serialize;
 
 use super::problem::StructuredProblem;
 use super::window::{Buffers, WindowPoint};
+use deadtime_signal::parallel;
 use deadtime_signal::stats;
 
 /// Mean length of a group's error over all windows, by horizon. The error of a vector is the length of the difference, that of an attitude the angle between
@@ -56,7 +56,7 @@ pub(super) fn lengths(
         }
         Ok(found)
     };
-    let parts: Vec<_> = problem.clusters.par_iter().map(one).collect::<Result<_, _>>()?;
+    let parts: Vec<_> = parallel::try_map(&problem.clusters, one)?;
     let mut all = vec![vec![Vec::new(); horizon]; groups];
     for part in parts {
         for (to, from) in all.iter_mut().flatten().zip(part.into_iter().flatten()) {

@@ -14,6 +14,7 @@ use super::{innovations, moesp, n4sid, order, pbsidopt, search, uncertainty, val
 use crate::error::IdentifyError;
 use crate::parametric::Parametric;
 use deadtime_model::{Channel, ModelError, ModelFile, Operating, Sampled, State, StateSpace, d2c};
+use deadtime_signal::parallel;
 use deadtime_signal::progress::HowFar;
 use deadtime_signal::registry::{Entry, entry};
 use deadtime_signal::time::SampleTime;
@@ -21,7 +22,6 @@ use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// A method that makes a model of records; the implementor is its option struct.
@@ -351,7 +351,7 @@ impl Settings {
             steps.one_more();
             loss
         };
-        let losses: Vec<Option<f64>> = (1..=search.orders()).into_par_iter().map(loss).collect();
+        let losses: Vec<Option<f64>> = parallel::map(1..=search.orders(), loss);
         let free = if self.order.is_some() {
             None
         } else {
@@ -383,11 +383,8 @@ impl Settings {
                 .in_units(scales)
         };
         let all = |size: f64| {
-            (0..self.draws)
-                .into_par_iter()
-                .map(|i| draw(i, size))
-                .filter(InnovationsModel::is_finite)
-                .collect()
+            let drawn = parallel::map(0..self.draws, |i| draw(i, size));
+            drawn.into_iter().filter(InnovationsModel::is_finite).collect()
         };
         Draws { whole: all(1.0), small: all(STEP), step: STEP, ..Draws::default() }
     }
@@ -425,11 +422,8 @@ impl Settings {
             };
             Some(model.in_units(scales))
         };
-        let whole: Vec<_> = (0..self.bootstrap)
-            .into_par_iter()
-            .filter_map(one)
-            .filter(InnovationsModel::is_finite)
-            .collect();
+        let mut whole = parallel::filter_map(0..self.bootstrap, one);
+        whole.retain(InnovationsModel::is_finite);
         Draws { small: whole.clone(), whole, step: 1.0, ..Draws::default() }
     }
 }

@@ -2,11 +2,11 @@
 
 use faer::Mat;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use crate::error::IdentifyError;
 use crate::error::Result;
 use deadtime_log::Log;
+use deadtime_signal::parallel;
 use deadtime_signal::time::SampleTime;
 
 /// A channel's name and unit.
@@ -253,19 +253,16 @@ impl Recordings {
         let layout = self.layout(past);
         let (m, q) = (layout.m, layout.columns());
         let scaled = self.scaled(scales);
-        self.ranges(first, most)
-            .into_par_iter()
-            .map(|(s, from, to)| {
-                let Stretch { u, y } = &scaled[s];
-                let rows = Mat::from_fn(to - from, q + 1, |row, column| {
-                    let Some(column) = column.checked_sub(1) else { return 1.0 };
-                    let (lag, within) = layout.place(column);
-                    let t = from + row - lag;
-                    if within < m { u[(within, t)] } else { y[(within - m, t)] }
-                });
-                triangle(&rows)
-            })
-            .collect()
+        parallel::map(self.ranges(first, most), |(s, from, to)| {
+            let Stretch { u, y } = &scaled[s];
+            let rows = Mat::from_fn(to - from, q + 1, |row, column| {
+                let Some(column) = column.checked_sub(1) else { return 1.0 };
+                let (lag, within) = layout.place(column);
+                let t = from + row - lag;
+                if within < m { u[(within, t)] } else { y[(within - m, t)] }
+            });
+            triangle(&rows)
+        })
     }
 }
 

@@ -1,7 +1,6 @@
 //! Models of every order from one decomposition, and their free-run errors on the last part of each record.
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 
 use super::innovations::{Direct, InnovationsModel, decays};
 use super::n4sid::Weight;
@@ -10,6 +9,7 @@ use super::order::FreeRuns;
 use super::pbsidopt::{Predictor, States};
 use super::recordings::{Factor, Recordings, Scales, Stretch};
 use super::{innovations, moesp, n4sid, offset, pbsidopt};
+use deadtime_signal::parallel;
 
 /// Share of each record for the models; free runs over the remainder evaluate them.
 const LEARNT: f64 = 0.7;
@@ -137,7 +137,7 @@ pub(super) fn free_runs(
         });
         FreeRuns { one_step: blocks(&one_step), free: free.map(|e| blocks(&e)) }
     };
-    Some((1..=search.orders().min(whole.orders())).into_par_iter().map(judged).collect())
+    Some(parallel::map(1..=search.orders().min(whole.orders()), judged))
 }
 
 /// Σ over outputs by sample.
