@@ -280,7 +280,7 @@ fn every_target_takes_every_effect_without_losing_one() {
         let model = ModelDocument::from_toml(LAG, Path::new("lag.toml")).unwrap();
         let source = Source { diagnosis: &found, model: Some(&model), deviations: &[], widen: 1.0 };
         let made: Node = export(&source, target.name, options).unwrap();
-        let text = made.to_yaml();
+        let text = made.to_json();
         let missing: Vec<&str> = deadtime::effect::table()
             .iter()
             .map(|line| line.effect)
@@ -321,7 +321,7 @@ fn the_command_writes_json_and_yaml_and_names_what_is_missing() {
     .done();
     let text = std::fs::read_to_string(&file).unwrap();
     assert!(
-        text.starts_with("format: \"deadtime/ranges@1\"\n") && text.contains("low: 0.0298\n"),
+        text.starts_with("format: deadtime/ranges@1\n") && text.contains("low: 0.0298\n"),
         "{text}"
     );
     let refused = |words: &[&str], says: &str| {

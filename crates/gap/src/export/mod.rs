@@ -12,7 +12,6 @@ pub(crate) mod source;
 mod target;
 mod targets;
 mod transfer_function;
-mod yaml;
 
 pub use domain_randomisation::DomainRandomisation;
 pub use isaaclab::IsaacLab;

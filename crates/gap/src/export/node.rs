@@ -1,5 +1,7 @@
 //! Data in the order in which a person reads it: as JSON, as YAML.
 
+use serde_saphyr::{FlowSeq, SerializerOptions};
+
 use serde::ser::{Serialize, SerializeMap, SerializeSeq, Serializer};
 
 /// A tree of data whose maps keep their order.
@@ -40,10 +42,16 @@ impl Node {
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
 
-    /// The text as YAML.
+    /// The text as YAML that readers of YAML 1.1, as PyYAML is, and of 1.2 read alike; JSON, which is YAML too, where it cannot be written.
     #[must_use]
     pub fn to_yaml(&self) -> String {
-        super::yaml::text(self)
+        let mut options = SerializerOptions::default();
+        options.prefer_block_scalars = false;
+        serde_saphyr::to_string_with_options(self, options).unwrap_or_else(|_| self.to_json())
+    }
+
+    fn is_number(&self) -> bool {
+        matches!(self, Self::Number(_) | Self::Whole(_) | Self::Null)
     }
 }
 
@@ -92,6 +100,10 @@ impl Serialize for Node {
             Self::Number(number) if number.is_finite() => serializer.serialize_f64(*number),
             Self::Number(_) => serializer.serialize_unit(),
             Self::Text(text) => serializer.serialize_str(text),
+            // In YAML, rows of numbers stand on one line, as people write them.
+            Self::List(list) if !list.is_empty() && list.iter().all(Self::is_number) => {
+                FlowSeq(list.iter().collect::<Vec<&Self>>()).serialize(serializer)
+            }
             Self::List(list) => {
                 let mut seq = serializer.serialize_seq(Some(list.len()))?;
                 list.iter().try_for_each(|one| seq.serialize_element(one))?;
@@ -103,5 +115,29 @@ impl Serialize for Node {
                 map.end()
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn yaml_reads_alike_in_either_version() {
+        let node = Node::map([
+            ("small", Node::Number(1e-9)),
+            ("large", Node::Number(-3e20)),
+            ("whole", Node::Number(5.0)),
+            ("undefined", Node::Number(f64::NAN)),
+            ("steps", Node::Whole(5)),
+            ("no", Node::from("no: \"quoted\"\n")),
+            ("texts", Node::from(vec!["off", "1e5", "1_000", "12:30:45", "2020-01-01", "x"])),
+            ("pair", Node::from(vec![0.5, 1e-5])),
+            ("deep", Node::List(vec![Node::map([("a", Node::Null)]), Node::from("x")])),
+        ]);
+        let expected = "small: 1.0e-9\nlarge: -3.0e+20\nwhole: 5.0\nundefined: null\nsteps: 5\n\
+                        \"no\": \"no: \\\"quoted\\\"\\n\"\ntexts:\n- \"off\"\n- \"1e5\"\n- \"1_000\"\n- \"12:30:45\"\n- \"2020-01-01\"\n- x\n\
+                        pair: [0.5, 0.00001]\ndeep:\n- a: null\n- x\n";
+        assert_eq!(node.to_yaml(), expected);
     }
 }
