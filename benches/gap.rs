@@ -1,4 +1,4 @@
-//! A whole diagnosis: three logs of 60 s at 100 Hz, the full catalogue, two threads.
+//! A whole diagnosis with the full catalogue on two threads: of one log of 10 s, and of three logs of 60 s, at 100 Hz.
 
 use criterion::{Criterion, criterion_main};
 use deadtime::diagnose::{GapOptions, diagnose};
@@ -14,7 +14,6 @@ use rand_distr::StandardNormal;
 #[allow(dead_code)]
 mod support;
 
-const SAMPLES: usize = 6000;
 /// Three states, one input, two outputs.
 const LINEAR: &str =
     concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/uav_lateral_stabilised.toml");
@@ -22,7 +21,7 @@ const LINEAR: &str =
 const EQUATIONS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../benches/support/two_masses.toml");
 
 /// A log of the model behind a lag of its actuator, with noise.
-fn log(document: &ModelDocument, seed: u64) -> Result<Log, deadtime::Error> {
+fn log(document: &ModelDocument, seed: u64, samples: usize) -> Result<Log, deadtime::Error> {
     let system = System::new(document, |_| Ok(0.0))?;
     let input = document.inputs()[0].clone();
     let lag = Applied {
@@ -30,9 +29,9 @@ fn log(document: &ModelDocument, seed: u64) -> Result<Log, deadtime::Error> {
         ..Applied::nominal(&system, find("actuator_lag")?, &input.name)?
     };
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let time_s: Vec<f64> = (0..SAMPLES).map(|k| k as f64 * 0.01).collect();
+    let time_s: Vec<f64> = (0..samples).map(|k| k as f64 * 0.01).collect();
     let mut level = 0.0;
-    let held = (0..SAMPLES).map(|k| {
+    let held = (0..samples).map(|k| {
         if k % 20 == 0 {
             level = 0.5 * rng.sample::<f64, _>(StandardNormal);
         }
@@ -56,9 +55,14 @@ fn log(document: &ModelDocument, seed: u64) -> Result<Log, deadtime::Error> {
 }
 
 fn diagnoses(criterion: &mut Criterion) -> Result<(), deadtime::Error> {
-    for (name, path) in [("linear, 3 states", LINEAR), ("equations, 4 states", EQUATIONS)] {
+    for (name, path, logs, samples) in [
+        ("linear, one short log", LINEAR, 1, 1000),
+        ("linear, 3 states", LINEAR, 3, 6000),
+        ("equations, 4 states", EQUATIONS, 3, 6000),
+    ] {
         let document = ModelDocument::read(path.as_ref())?;
-        let logs = (1..=3).map(|seed| log(&document, seed)).collect::<Result<Vec<_>, _>>()?;
+        let logs: Vec<Log> =
+            (1..=logs).map(|seed| log(&document, seed, samples)).collect::<Result<_, _>>()?;
         let mut group = criterion.benchmark_group("gap");
         group.sample_size(10);
         if let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(2).build() {
