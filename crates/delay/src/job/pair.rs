@@ -136,7 +136,9 @@ impl OnePair<'_, '_> {
         facts: RecordFacts,
     ) -> Result<()> {
         let (input, output) = (self.input(), self.output());
-        let looked_for = self.job.feedback == Feedback::Auto;
+        // The finite responses of that test are no model of a plant that integrates.
+        let integrates = pair.findings.iter().any(|f| f.condition == Condition::Integrating);
+        let looked_for = self.job.feedback == Feedback::Auto && !integrates;
         let leads =
             looked_for.then(|| lead(records, search.max_delay, search.bias(0, 0))).flatten();
         // Interpolation makes an output lead by one sample.
@@ -186,7 +188,9 @@ impl OnePair<'_, '_> {
         let assumed = self.job.degree_bias.is_none() && self.job.model.is_none();
         // A copy delayed by a fraction of a sample begins before its command and passes for a loop.
         let open = self.job.feedback != Feedback::Closed && !self.seen.looped.direct;
-        if !(assumed && open && pair.verdict.delay_s.is_some()) {
+        // Two sensors of one signal do not integrate each other: a ramp behind a step looks like a response of one sample.
+        let finite = !shows(Condition::Integrating);
+        if !(assumed && open && finite && pair.verdict.delay_s.is_some()) {
             return Ok(false);
         }
         // With missing outputs the regression behind that condition may have too few rows.

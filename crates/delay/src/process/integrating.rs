@@ -382,6 +382,17 @@ mod tests {
     }
 
     #[test]
+    fn a_ramp_behind_a_step_does_not_lead_it_and_is_no_copy_of_it() {
+        for seed in [24, 30, 42] {
+            let (u, y, truth) = drawn(seed, true, NOISE);
+            let pair = pair(u, y);
+            let [from, to] = pair.verdict.ci95_s.unwrap_or_else(|| panic!("{}", pair.verdict.why));
+            assert!(from <= truth && truth <= to, "{seed}: {from} to {to} for {truth}");
+            assert!(!pair.verdict.why.contains("two sensors"), "{}", pair.verdict.why);
+        }
+    }
+
+    #[test]
     fn an_integrating_plant_is_recognised_and_its_dead_time_held() {
         // 25 % of the search window.
         assert!(recognised(0..3) < 9.0);
