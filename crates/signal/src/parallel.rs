@@ -12,8 +12,8 @@ fn each(count: usize, of: &(dyn Fn(usize) + Sync)) {
     (0..count).into_par_iter().for_each(of);
 }
 
-/// The value that a slot holds; no lock is held while a closure of the caller runs, so that none is poisoned.
-fn held<T>(slot: &Mutex<Option<T>>) -> Option<T> {
+/// Takes the value of a slot. No lock is held while a closure of the caller runs, so that none is poisoned.
+fn taken<T>(slot: &Mutex<Option<T>>) -> Option<T> {
     slot.lock().unwrap_or_else(PoisonError::into_inner).take()
 }
 
@@ -32,13 +32,13 @@ where
             return;
         }
         let (item, result) = &slots[at];
-        let made = held(item).map(&of);
+        let made = taken(item).map(&of);
         if made.as_ref().is_some_and(ends) {
             ended.store(true, Ordering::Relaxed);
         }
         *result.lock().unwrap_or_else(PoisonError::into_inner) = made;
     });
-    slots.iter().filter_map(|(_, result)| held(result)).collect()
+    slots.iter().filter_map(|(_, result)| taken(result)).collect()
 }
 
 /// The result of each item, in the order of the items. A panic of `of` reaches the caller.

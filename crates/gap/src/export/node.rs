@@ -50,6 +50,7 @@ impl Node {
         serde_saphyr::to_string_with_options(self, options).unwrap_or_else(|_| self.to_json())
     }
 
+    /// A number, or the place of one that is undefined.
     fn is_number(&self) -> bool {
         matches!(self, Self::Number(_) | Self::Whole(_) | Self::Null)
     }
