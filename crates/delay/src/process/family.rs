@@ -5,6 +5,7 @@
 
 use super::chain::Shape;
 use super::fit::{Found, Place, Problem};
+use super::reach::reach;
 use crate::error::{DelayError, LengthRemedy};
 use crate::estimate::{DelayEstimate, Misfit, Outcome};
 use crate::estimator::{
@@ -603,8 +604,7 @@ impl Knowledge {
         ends
     }
 
-    /// The distance from a minimum in one direction at which the delay lacks the share `level` of the interval's likelihood. False position on the root of the
-    /// likelihood ratio, which is linear where the cost is a parabola; bisection elsewhere.
+    /// The distance from a minimum in one direction at which the delay lacks the share `level` of the interval's likelihood.
     fn reach(&self, problem: &Problem<'_>, from: &Found, direction: f64, level: f64) -> f64 {
         let at = from.place.delay();
         let limit = if direction > 0.0 { problem.longest() - at } else { at };
@@ -621,49 +621,18 @@ impl Knowledge {
             }
             return step;
         }
-        let (mut inner, mut outer) = ((0.0, root(from.cost)), None::<(f64, f64)>);
+        let first = (level * self.quantile * self.std).clamp(RESOLVED, 0.5);
         let mut theta = from.theta.clone();
-        let mut step = (level * self.quantile * self.std).clamp(RESOLVED, 0.5).min(limit);
-        let mut widths = [f64::INFINITY; 2];
-        for _ in 0..REACHES {
-            let Some(found) = problem.at(&theta, Place::of(at + direction * step)) else { break };
-            let here = (step, root(found.cost));
-            if here.1 < 1.0 {
-                if step >= limit {
-                    return limit;
-                }
-                inner = here;
+        reach(root(from.cost), first, limit, |step| {
+            let found = problem.at(&theta, Place::of(at + direction * step))?;
+            let here = root(found.cost);
+            if here < 1.0 {
                 theta = found.theta;
-            } else {
-                outer = Some(here);
             }
-            step = match outer {
-                None => (step * (1.1 / here.1.max(0.1)).clamp(1.2, 2.5)).min(limit),
-                Some(outer) => {
-                    let (width, share) = (
-                        outer.0 - inner.0,
-                        (1.0 - inner.1) / (outer.1 - inner.1).max(f64::MIN_POSITIVE),
-                    );
-                    if width <= ENDS * outer.0 {
-                        return inner.0 + share * width;
-                    }
-                    let slow = width > 0.5 * widths[0];
-                    widths = [widths[1], width];
-                    // Alternately on either side of the crossing, so that the bracket closes from both.
-                    let shift = if here.1 < 1.0 { 1e-3 } else { -1e-3 };
-                    inner.0 + if slow { 0.5 } else { (share + shift).clamp(0.02, 0.98) } * width
-                }
-            };
-        }
-        outer.map_or(inner.0, |o| o.0)
+            Some(here)
+        })
     }
 }
 
 /// Share of the interval's likelihood deficit, as its root, that counts as zero: 1e-3 of a standard deviation.
-pub(super) const ALIKE: f64 = 1e-3;
-
-/// Largest number of steps towards an end of the interval.
-pub(super) const REACHES: usize = 40;
-
-/// Relative tolerance of the distance to an end.
-pub(super) const ENDS: f64 = 1e-4;
+const ALIKE: f64 = 1e-3;

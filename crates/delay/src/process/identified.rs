@@ -225,7 +225,7 @@ impl ProcessOptions {
     ) -> Result<Solved, IdentifyError> {
         let unfit = |reason: String| IdentifyError::Unfit { method: structure.method(), reason };
         if structure.integrates {
-            return Integrator { lag: structure.poles > 0, records, max_delay, mean }
+            return Integrator::new(structure.poles > 0, records, max_delay, mean)
                 .solve()
                 .map_err(unfit);
         }

@@ -3,24 +3,33 @@
 //! Equation: y = K·(I(t − τ) − T·w(t)) + c·t + offsets + decays, I the integral of the held input. w is the input's response through 1/(1 + T·s)·e^(−τs): a lag
 //! subtracts T·w from the integral. c represents an operating input that differs from the records' mean. Everything but τ and T is linear and eliminated, as in
 //! `fit`. How it can be wrong: a plant with a slow pole instead of an integrator. A changing load is a slope of its own.
+//!
+//! The interval of the delay is that of the likelihood ratio, the time constant refitted at every delay: a time constant has no value below zero, and one
+//! step hardly separates it from dead time.
 
+use super::family::RESOLVED;
 use super::fit::{Signals, project};
 use super::model::{ProcessModel, Slopes};
+use super::reach::reach;
 use super::solved::Solved;
 use crate::posterior;
 use deadtime_identify::Record;
 use deadtime_signal::fit::{LevenbergMarquardt, Normal};
 use deadtime_signal::stats;
+use deadtime_signal::stats::{NORMAL_95, students_t};
 use deadtime_signal::time::SampleTime;
 
 /// The data and the model of a fit, time in samples.
+#[derive(Clone, Copy)]
 pub(super) struct Integrator<'a> {
     /// With a time constant.
-    pub(super) lag: bool,
-    pub(super) records: &'a [Record<'static>],
-    pub(super) max_delay: usize,
+    lag: bool,
+    /// The lag's state at the start of every record is fitted, too.
+    moving: bool,
+    records: &'a [Record<'static>],
+    max_delay: usize,
     /// The mean of the input over all records.
-    pub(super) mean: f64,
+    mean: f64,
 }
 
 /// Tested time constants, samples.
@@ -35,8 +44,41 @@ const LEAST_LAG: f64 = 0.05;
 /// Σ e², the delay of the states, and ln T with a time constant, then g.
 type Bottom = (f64, usize, Vec<f64>);
 
-impl Integrator<'_> {
+impl<'a> Integrator<'a> {
+    pub(super) fn new(
+        lag: bool,
+        records: &'a [Record<'static>],
+        max_delay: usize,
+        mean: f64,
+    ) -> Self {
+        Self { lag, moving: lag, records, max_delay, mean }
+    }
+
+    /// The model whose lag starts in motion where that is significant, else the one from rest. The decay of a very short lag would follow the noise of one sample.
     pub(super) fn solve(&self) -> Result<Solved, String> {
+        let moving = self.fitted();
+        if !self.lag {
+            return moving;
+        }
+        match (Self { moving: false, ..*self }.fitted(), moving) {
+            (Ok(resting), Ok(moving)) if self.starts_in_motion(&resting, &moving) => Ok(moving),
+            (Ok(resting), _) => Ok(resting),
+            (Err(_), moving) => moving,
+        }
+    }
+
+    fn starts_in_motion(&self, resting: &Solved, moving: &Solved) -> bool {
+        let cost = |solved: &Solved| solved.residual.iter().map(|e| e * e).sum::<f64>();
+        let n = moving.residual.len() as f64;
+        // After ln T, delay, K and slope, each record has its level and its decay.
+        let counting = (moving.jacobian.iter().skip(5).step_by(2))
+            .map(|decay| posterior::samples_under(decay, &moving.residual))
+            .fold(n, f64::min);
+        let gain = counting * (cost(resting) / cost(moving).max(f64::MIN_POSITIVE)).ln();
+        gain > posterior::visible_gain(self.records.len(), 1)
+    }
+
+    fn fitted(&self) -> Result<Solved, String> {
         let shortest = self.records.iter().map(Record::len).min().unwrap_or(0) as f64;
         let most = (shortest / 2.0).max(1.0).ln();
         let Some((cost, delay, p)) = self.best(shortest, most) else {
@@ -46,6 +88,8 @@ impl Integrator<'_> {
         let signals = self.signals(delay, g, lag).ok_or("it cannot be evaluated at its minimum")?;
         let (last, by_lag) = signals.slopes.split_last().ok_or("it has no derivatives")?;
         self.visible(&signals, last, cost)?;
+        let at = delay as f64 - g;
+        let ends = self.interval(&signals, at, lag, most);
         let jacobian = by_lag
             .iter()
             .cloned()
@@ -59,7 +103,7 @@ impl Integrator<'_> {
         let level = stats::mean(self.records.iter().flat_map(|r| r.y.iter().copied()));
         let (k, slope) = (signals.coefficients[0], signals.coefficients[1]);
         let mut solved = Solved {
-            values: lag.into_iter().chain([delay as f64 - g, k, slope]).collect(),
+            values: lag.into_iter().chain([at, k, slope]).collect(),
             jacobian,
             residual: signals.residual,
             lengths: self.records.iter().map(|r| r.len() - self.first(r)).collect(),
@@ -70,6 +114,9 @@ impl Integrator<'_> {
         };
         let poles = usize::from(self.lag);
         solved.weigh(poles, false);
+        // The interval moves with the estimate.
+        let moved = solved.values[poles] - at;
+        solved.delay = Some(ends.map(|end| (end + moved).max(0.0)));
         solved.operating[0] -= solved.values[poles + 2] / solved.values[poles + 1];
         Ok(solved)
     }
@@ -140,6 +187,58 @@ impl Integrator<'_> {
         fit.normal.cost.is_finite().then_some((fit.normal.cost, delay, fit.parameters))
     }
 
+    /// The likelihood-ratio interval of the delay at 95 %, samples, from the minimum at delay `at`. Coloured residuals count as fewer samples.
+    fn interval(&self, signals: &Signals, at: f64, lag: Option<f64>, most: f64) -> [f64; 2] {
+        let Some(alone) = signals.alone() else { return [at; 2] };
+        let squares = |x: &[f64]| x.iter().map(|v| v * v).sum::<f64>();
+        let power = squares(&signals.model) + squares(&signals.residual);
+        let floored = |cost: f64| cost.max(posterior::ROUNDING * power).max(f64::MIN_POSITIVE);
+        let cost = floored(squares(&signals.residual));
+        let independent = posterior::samples_under(&alone, &signals.residual);
+        let parameters = signals.slopes.len() + signals.linear.len();
+        let freedom = (independent - parameters as f64).max(1.0);
+        let quantile = students_t(0.975, freedom).unwrap_or(NORMAL_95);
+        let std = (cost / freedom / squares(&alone).max(f64::MIN_POSITIVE)).sqrt();
+        [-1.0, 1.0].map(|direction| {
+            let limit = if direction > 0.0 { self.max_delay as f64 - at } else { at };
+            let mut near = (at, lag);
+            let distance = reach(0.0, (quantile * std).clamp(RESOLVED, 0.5), limit, |step| {
+                let here = at + direction * step;
+                let (found, lag) = self.refitted(here, near, most)?;
+                let lacks = freedom * (floored(found) / cost).ln();
+                if lacks < quantile * quantile {
+                    near = (here, lag);
+                }
+                Some(lacks.max(0.0).sqrt() / quantile)
+            });
+            at + direction * distance
+        })
+    }
+
+    /// Σ e² at a delay, samples, and the ln T of lowest cost. The descents start at the one of a delay nearby, and where the sum of delay and time constant,
+    /// which is the ramp's own delay, is the same.
+    fn refitted(
+        &self,
+        at: f64,
+        (nearby, lag): (f64, Option<f64>),
+        most: f64,
+    ) -> Option<(f64, Option<f64>)> {
+        let delay = at.ceil().max(1.0);
+        let signals = |lag| self.signals(delay as usize, delay - at, lag);
+        let Some(lag) = lag else { return Some((signals(None)?.normal(0).cost, None)) };
+        let search = LevenbergMarquardt {
+            lower: vec![LEAST_LAG.ln()],
+            upper: vec![most],
+            max_iterations: 60,
+            ..LevenbergMarquardt::default()
+        };
+        let same_sum = (lag.exp() + nearby - at).max(LEAST_LAG).ln().min(most);
+        let fits = [lag, same_sum]
+            .map(|start| search.minimise(&[start], |p| Some(signals(Some(p[0]))?.normal(1))));
+        let best = fits.into_iter().min_by(|a, b| a.normal.cost.total_cmp(&b.normal.cost))?;
+        best.normal.cost.is_finite().then(|| (best.normal.cost, best.parameters.first().copied()))
+    }
+
     /// Tests that the output visibly follows the input: offset and initial states alone leave a significantly larger residual.
     fn visible(&self, signals: &Signals, by_delay: &[f64], cost: f64) -> Result<(), String> {
         let rest = signals.linear.get(1..).unwrap_or_default();
@@ -174,7 +273,6 @@ impl Integrator<'_> {
     fn signals(&self, delay: usize, g: f64, lag: Option<f64>) -> Option<Signals> {
         let IntegratorColumns { linear, by_lag, by_g, y } = self.columns(delay, g, lag)?;
         let total = y.len();
-        let each = if lag.is_some() { 2 } else { 1 };
         let (inverse, coefficients) = project(&linear, &y)?;
         let model: Vec<f64> = (0..total)
             .map(|t| coefficients.iter().zip(&linear).map(|(c, column)| c * column[t]).sum())
@@ -184,9 +282,8 @@ impl Integrator<'_> {
         let mut slopes = Vec::new();
         if lag.is_some() {
             let decays = |t: usize| {
-                (0..self.records.len())
-                    .map(|r| coefficients[3 + each * r] * by_lag[1 + r][t])
-                    .sum::<f64>()
+                let moving = if self.moving { self.records.len() } else { 0 };
+                (0..moving).map(|r| coefficients[3 + 2 * r] * by_lag[1 + r][t]).sum::<f64>()
             };
             slopes.push((0..total).map(|t| k * by_lag[0][t] + decays(t)).collect());
         }
@@ -198,7 +295,7 @@ impl Integrator<'_> {
     fn columns(&self, delay: usize, g: f64, lag: Option<f64>) -> Option<IntegratorColumns> {
         let counted: Vec<usize> = self.records.iter().map(|r| r.len() - self.first(r)).collect();
         let total: usize = counted.iter().sum();
-        let each = if lag.is_some() { 2 } else { 1 };
+        let each = if self.moving { 2 } else { 1 };
         let mut linear = vec![vec![0.0; total]; 2 + each * self.records.len()];
         let mut by_lag = vec![vec![0.0; total]; 1 + self.records.len()];
         let (mut by_g, mut y) = (vec![0.0; total], Vec::with_capacity(total));
@@ -225,8 +322,10 @@ impl Integrator<'_> {
                         // d(I − T·w)/dt is w itself.
                         by_g[row] = through;
                         by_lag[0][row] = -lag * (through + w.by_others[0][t]);
-                        by_lag[1 + number][row] = decay * t as f64 / lag;
-                        linear[3 + each * number][row] = decay;
+                        if self.moving {
+                            by_lag[1 + number][row] = decay * t as f64 / lag;
+                            linear[3 + each * number][row] = decay;
+                        }
                     }
                     linear[0][row] = response;
                     linear[1][row] = t as f64;

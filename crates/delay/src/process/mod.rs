@@ -9,6 +9,7 @@ pub(crate) mod integrating;
 mod integrator;
 pub(crate) mod model;
 pub(crate) mod orders;
+mod reach;
 pub(crate) mod shares;
 mod solved;
 mod structure;
