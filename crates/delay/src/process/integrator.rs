@@ -26,6 +26,8 @@ pub(super) struct Integrator<'a> {
     lag: bool,
     /// The lag's state at the start of every record is fitted, too.
     moving: bool,
+    /// A record whose input rests within the longest delay is used from its first sample: its input had that value before.
+    whole: bool,
     records: &'a [Record<'static>],
     max_delay: usize,
     /// The mean of the input over all records.
@@ -38,8 +40,8 @@ const LAGS: [f64; 7] = [0.5, 2.0, 5.0, 12.0, 30.0, 100.0, 300.0];
 const PLACES: usize = 80;
 /// Best grid points from which a descent starts.
 const STARTS: usize = 4;
-/// Smallest time constant, samples.
-const LEAST_LAG: f64 = 0.05;
+/// Smallest time constant, samples: the tolerance of a delay without one.
+const LEAST_LAG: f64 = 0.001;
 
 /// Σ e², the delay of the states, and ln T with a time constant, then g.
 type Bottom = (f64, usize, Vec<f64>);
@@ -51,7 +53,12 @@ impl<'a> Integrator<'a> {
         max_delay: usize,
         mean: f64,
     ) -> Self {
-        Self { lag, moving: lag, records, max_delay, mean }
+        Self { lag, moving: lag, whole: true, records, max_delay, mean }
+    }
+
+    /// Without the samples that depend on the input before the record.
+    pub(super) fn without_heads(self) -> Self {
+        Self { whole: false, ..self }
     }
 
     /// The model whose lag starts in motion where that is significant, else the one from rest. The decay of a very short lag would follow the noise of one sample.
@@ -261,7 +268,7 @@ impl<'a> Integrator<'a> {
     /// The first used sample: where the input moves within the longest delay, earlier samples depend on the input before the record.
     fn first(&self, r: &Record) -> usize {
         let head = r.u.get(..self.max_delay.min(r.len())).unwrap_or_default();
-        if head.windows(2).all(|w| w[0] == w[1]) { 0 } else { head.len() }
+        if self.whole && head.windows(2).all(|w| w[0] == w[1]) { 0 } else { head.len() }
     }
 
     fn evaluate(&self, delay: usize, p: &[f64]) -> Option<Normal> {
