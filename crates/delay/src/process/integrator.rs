@@ -4,8 +4,8 @@
 //! subtracts T·w from the integral. c represents an operating input that differs from the records' mean. Everything but τ and T is linear and eliminated, as in
 //! `fit`. How it can be wrong: a plant with a slow pole instead of an integrator. A changing load is a slope of its own.
 //!
-//! The interval of the delay is that of the likelihood ratio, the time constant refitted at every delay: a time constant has no value below zero, and one
-//! step hardly separates it from dead time.
+//! The interval of the delay is that of the likelihood ratio, the time constant refitted at every delay. A time constant has no value below zero. Of one step,
+//! only the rise separates it from dead time.
 
 use super::family::RESOLVED;
 use super::fit::{Signals, project};
