@@ -6,7 +6,7 @@
 use super::chain::Shape;
 use super::family::{CONTINUOUS, EDGE, Fitted, RESOLVED};
 use super::fit::Problem;
-use super::integrator::Integrator;
+use super::integrator::{Integrator, Lowest};
 use super::solved::Solved;
 use crate::error::LengthRemedy;
 use crate::estimate::{DelayEstimate, Misfit, Outcome};
@@ -119,7 +119,7 @@ impl Integrating {
         let (outdoes, as_good) = match larger {
             Some(larger) if larger.outdoes(&fit) => (Some(OUTDONE.to_owned()), None),
             // A lag that the data do not exclude is part of the uncertainty.
-            Some(larger) => (None, larger.solved.delay),
+            Some(larger) => (None, Some(larger.lowest.interval())),
             None => (None, None),
         };
         let estimate = fit.estimate(pair, as_good)?;
@@ -141,21 +141,23 @@ fn owned(records: &[Record<'_>]) -> Vec<Record<'static>> {
 }
 
 /// An integrating model of records.
-struct Fit {
-    solved: Solved,
+struct Fit<'a> {
+    lowest: Lowest<'a>,
     poles: usize,
     /// Independent samples under the colour of the residuals.
     counting: f64,
     /// Records whose input rests at first are used from their first sample.
     whole: bool,
+    /// There are such records.
+    has_heads: bool,
 }
 
-impl Fit {
+impl<'a> Fit<'a> {
     /// The model with a time constant. Where its residuals follow the input, and do not without the samples that depend on the input before the record, it is
     /// fitted without them.
-    fn of(records: &[Record<'static>], max_delay: usize) -> Result<Self, String> {
+    fn of(records: &'a [Record<'static>], max_delay: usize) -> Result<Self, String> {
         let whole = Self::with(records, max_delay, true, true)?;
-        if !whole.leaves(records, max_delay) {
+        if !whole.has_heads || !whole.leaves(records, max_delay) {
             return Ok(whole);
         }
         let without = Self::with(records, max_delay, true, false);
@@ -163,36 +165,38 @@ impl Fit {
     }
 
     fn with(
-        records: &[Record<'static>],
+        records: &'a [Record<'static>],
         max_delay: usize,
         lag: bool,
         whole: bool,
     ) -> Result<Self, String> {
         let mean = stats::mean(records.iter().flat_map(|r| r.u.iter().copied())).unwrap_or(0.0);
         let model = Integrator::new(lag, records, max_delay, mean);
-        let solved = if whole { model } else { model.without_heads() }.solve()?;
+        let model = if whole { model } else { model.without_heads() };
+        let lowest = model.lowest()?;
         let poles = usize::from(lag);
-        let by_delay = solved.jacobian.get(poles).map_or(&[][..], Vec::as_slice);
-        let counting =
-            posterior::samples_under(by_delay, &solved.residual).min(solved.residual.len() as f64);
-        Ok(Self { solved, poles, counting, whole })
+        let Solved { jacobian, residual, .. } = &lowest.solved;
+        let by_delay = jacobian.get(poles).map_or(&[][..], Vec::as_slice);
+        let counting = posterior::samples_under(by_delay, residual).min(residual.len() as f64);
+        Ok(Self { poles, counting, whole, has_heads: model.has_heads(), lowest })
     }
 
     fn cost(&self) -> f64 {
-        self.solved.residual.iter().map(|e| e * e).sum()
+        self.lowest.solved.residual.iter().map(|e| e * e).sum()
     }
 
     /// By Akaike's criterion: an omitted lag is a bias, a redundant one a little variance.
-    fn outdoes(&self, smaller: &Self) -> bool {
-        let more = self.solved.jacobian.len().saturating_sub(smaller.solved.jacobian.len());
+    fn outdoes(&self, smaller: &Fit<'_>) -> bool {
+        let more =
+            self.lowest.solved.jacobian.len().saturating_sub(smaller.lowest.solved.jacobian.len());
         let gain = smaller.counting * (smaller.cost() / self.cost().max(f64::MIN_POSITIVE)).ln();
         gain > 2.0 * more as f64
     }
 
     /// The residuals follow the input significantly.
     fn leaves(&self, records: &[Record<'static>], max_delay: usize) -> bool {
-        let mut rows = self.solved.residual.iter().copied();
-        let left: Vec<Record<'static>> = (records.iter().zip(&self.solved.lengths))
+        let mut rows = self.lowest.solved.residual.iter().copied();
+        let left: Vec<Record<'static>> = (records.iter().zip(&self.lowest.solved.lengths))
             .map(|(r, length)| {
                 let y: Vec<f64> = rows.by_ref().take(*length).collect();
                 Record::new(r.u[r.len() - length..].to_vec(), y)
@@ -208,9 +212,9 @@ impl Fit {
         pair: &PairRecords<'_>,
         more: Option<[f64; 2]>,
     ) -> Result<DelayEstimate, NoDelay> {
-        let delay = self.solved.values[self.poles];
+        let delay = self.lowest.solved.values[self.poles];
         let longest = pair.max_delay as f64;
-        let ends = (self.solved.delay.into_iter().chain(more))
+        let ends = ([self.lowest.interval()].into_iter().chain(more))
             .fold([delay; 2], |[from, to], ends| [from.min(ends[0]), to.max(ends[1])]);
         let std = ((delay - ends[0]).max(ends[1] - delay) / stats::NORMAL_95).max(RESOLVED);
         if ends[1] - ends[0] > 0.5 * longest.max(1.0) {
@@ -221,7 +225,7 @@ impl Fit {
         let misfit = Misfit {
             log_cost: self.cost().max(f64::MIN_POSITIVE).ln(),
             counting: self.counting,
-            parameters: self.solved.jacobian.len(),
+            parameters: self.lowest.solved.jacobian.len(),
         };
         let estimate = pair.measured(delay, std, ends, delay >= longest - EDGE, 0.0);
         Ok(DelayEstimate { misfit: Some(Box::new(misfit)), ..estimate })
@@ -249,7 +253,7 @@ pub(crate) fn integrates(records: &[Record<'_>], max_delay: usize) -> Option<Fin
     if fit.leaves(&records, max_delay) {
         return None;
     }
-    let settles = stable(&records, max_delay, &fit.solved.lengths)?;
+    let settles = stable(&records, max_delay, &fit.lowest.solved.lengths)?;
     let gain = fit.counting * (settles / fit.cost().max(f64::MIN_POSITIVE)).ln();
     (gain > posterior::visible_gain(2, 1)).then(|| Finding {
         condition: Condition::Integrating,

@@ -34,6 +34,27 @@ pub(super) struct Integrator<'a> {
     mean: f64,
 }
 
+/// The minimum of a model.
+pub(super) struct Lowest<'a> {
+    model: Integrator<'a>,
+    /// Without the interval of the delay.
+    pub(super) solved: Solved,
+    /// The delay of least squares, samples.
+    at: f64,
+    /// ln T.
+    lag: Option<f64>,
+    /// Its largest value.
+    most: f64,
+}
+
+impl Lowest<'_> {
+    /// The 95 % interval of the delay, samples. It moves with the further step of the estimate.
+    pub(super) fn interval(&self) -> [f64; 2] {
+        let moved = self.solved.values[usize::from(self.lag.is_some())] - self.at;
+        self.model.interval(self.at, self.lag, self.most).map(|end| (end + moved).max(0.0))
+    }
+}
+
 /// Tested time constants, samples.
 const LAGS: [f64; 7] = [0.5, 2.0, 5.0, 12.0, 30.0, 100.0, 300.0];
 /// Delays of the grid.
@@ -61,17 +82,31 @@ impl<'a> Integrator<'a> {
         Self { whole: false, ..self }
     }
 
-    /// The model whose lag starts in motion where that is significant, else the one from rest. The decay of a very short lag would follow the noise of one sample.
+    /// The fit with the interval of its delay.
     pub(super) fn solve(&self) -> Result<Solved, String> {
+        let lowest = self.lowest()?;
+        let delay = Some(lowest.interval());
+        Ok(Solved { delay, ..lowest.solved })
+    }
+
+    /// The model whose lag starts in motion where that is significant, else the one from rest. The decay of a very short lag would follow the noise of one sample.
+    pub(super) fn lowest(&self) -> Result<Lowest<'a>, String> {
         let moving = self.fitted();
         if !self.lag {
             return moving;
         }
         match (Self { moving: false, ..*self }.fitted(), moving) {
-            (Ok(resting), Ok(moving)) if self.starts_in_motion(&resting, &moving) => Ok(moving),
+            (Ok(resting), Ok(moving)) if self.starts_in_motion(&resting.solved, &moving.solved) => {
+                Ok(moving)
+            }
             (Ok(resting), _) => Ok(resting),
             (Err(_), moving) => moving,
         }
+    }
+
+    /// Some samples are used although they depend on the input before the record.
+    pub(super) fn has_heads(&self) -> bool {
+        self.records.iter().any(|r| self.first(r) == 0)
     }
 
     fn starts_in_motion(&self, resting: &Solved, moving: &Solved) -> bool {
@@ -85,7 +120,7 @@ impl<'a> Integrator<'a> {
         gain > posterior::visible_gain(self.records.len(), 1)
     }
 
-    fn fitted(&self) -> Result<Solved, String> {
+    fn fitted(&self) -> Result<Lowest<'a>, String> {
         let shortest = self.records.iter().map(Record::len).min().unwrap_or(0) as f64;
         let most = (shortest / 2.0).max(1.0).ln();
         let Some((cost, delay, p)) = self.best(shortest, most) else {
@@ -96,7 +131,6 @@ impl<'a> Integrator<'a> {
         let (last, by_lag) = signals.slopes.split_last().ok_or("it has no derivatives")?;
         self.visible(&signals, last, cost)?;
         let at = delay as f64 - g;
-        let ends = self.interval(&signals, at, lag, most);
         let jacobian = by_lag
             .iter()
             .cloned()
@@ -121,11 +155,8 @@ impl<'a> Integrator<'a> {
         };
         let poles = usize::from(self.lag);
         solved.weigh(poles, false);
-        // The interval moves with the estimate.
-        let moved = solved.values[poles] - at;
-        solved.delay = Some(ends.map(|end| (end + moved).max(0.0)));
         solved.operating[0] -= solved.values[poles + 2] / solved.values[poles + 1];
-        Ok(solved)
+        Ok(Lowest { model: *self, solved, at, lag, most })
     }
 
     /// The lowest of the local minima around the best grid points.
@@ -195,8 +226,12 @@ impl<'a> Integrator<'a> {
     }
 
     /// The likelihood-ratio interval of the delay at 95 %, samples, from the minimum at delay `at`. Coloured residuals count as fewer samples.
-    fn interval(&self, signals: &Signals, at: f64, lag: Option<f64>, most: f64) -> [f64; 2] {
-        let Some(alone) = signals.alone() else { return [at; 2] };
+    fn interval(&self, at: f64, lag: Option<f64>, most: f64) -> [f64; 2] {
+        let delay = at.ceil().max(1.0);
+        let signals = self.signals(delay as usize, delay - at, lag);
+        let Some((signals, alone)) = signals.and_then(|s| s.alone().map(|alone| (s, alone))) else {
+            return [at; 2];
+        };
         let squares = |x: &[f64]| x.iter().map(|v| v * v).sum::<f64>();
         let power = squares(&signals.model) + squares(&signals.residual);
         let floored = |cost: f64| cost.max(posterior::ROUNDING * power).max(f64::MIN_POSITIVE);
