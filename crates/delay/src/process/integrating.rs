@@ -28,7 +28,7 @@ use deadtime_signal::stop::Stop;
 /// Interval: the likelihood-ratio interval at 95 %, with gain, slope and time constant refitted at every delay. Coloured residuals count as fewer samples. That of
 /// P0DI contains that of P1DI: a lag that the data do not exclude may be in its dead time.
 /// Fails when: the plant settles (`contradicted` where the residuals follow the input); outputs are missing (`not_applicable`); the load changes within the record (biased).
-/// Source: MATLAB `procest`, idproc models P0DI and P1DI, for the models. Ljung (1999), "System Identification", 2nd ed., section 9.4, for the covariance. For
+/// Source: MATLAB `procest`, idproc models P0DI and P1DI, for the models. Ljung (1999), "System Identification", 2nd ed., section 9.4, for the noise. For
 /// the choice between them Akaike (1974), IEEE Trans. Autom. Control 19(6), 716-723, doi:10.1109/TAC.1974.1100705.
 ///
 /// # Example

@@ -230,7 +230,7 @@ impl<'a> Integrator<'a> {
         let delay = at.ceil().max(1.0);
         let signals = self.signals(delay as usize, delay - at, lag);
         let Some((signals, alone)) = signals.and_then(|s| s.alone().map(|alone| (s, alone))) else {
-            return [at; 2];
+            return [0.0, self.max_delay as f64];
         };
         let squares = |x: &[f64]| x.iter().map(|v| v * v).sum::<f64>();
         let power = squares(&signals.model) + squares(&signals.residual);
